@@ -64,7 +64,7 @@ class RemoteStream:
 
     def promise(self, time: int) -> None:
         """Publish that later values hold after a time, unless that is known."""
-        if time <= self.told:
+        if time <= self.told <= self._node.now():  # Else the own clock was set back.
             return
         self.told = time
         message = StreamWatermark(

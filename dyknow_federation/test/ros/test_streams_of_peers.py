@@ -1,4 +1,4 @@
-"""What peers are told of the samples of an own stream."""
+"""What peers are told of an own stream, and what readers here of one of a peer."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dyknow_federation.encoding import encode
 from dyknow_federation.messages import Packet, Request, Samples, SharedFeature, StreamFault
 from dyknow_federation.peer import Peer
 from dyknow_federation.ros.own_streams import OwnStream, OwnStreams
+from dyknow_federation.ros.remote_streams import RemoteStream
 from dyknow_stream_processing import Sample
 from dyknow_stream_processing.ros import SampleWriter
 
@@ -37,3 +38,21 @@ def test_a_sample_that_contradicts_a_promise_is_told_as_lost() -> None:
     assert isinstance(lost, StreamFault)
     assert (lost.constraint, lost.valid_time) == ('lost', 4)
     assert 'as was promised' in lost.reason
+
+
+def test_watermarks_go_on_when_the_own_clock_is_set_back() -> None:
+    """A value that does not change has nothing else by which states become certain."""
+    clock, sent = [NOW], list[int]()
+    publisher = SimpleNamespace(publish=lambda message: None)
+    node: Any = SimpleNamespace(now=lambda: clock[0], create_publisher=lambda *given: publisher)
+    watermarks = SimpleNamespace(
+        publish=lambda message: sent.extend(each.watermark.sec for each in message.streams)
+    )
+    stream = RemoteStream(node, '/dyknow/federation/a/level', watermarks)
+    for second in (98, 99, 99, 97):
+        stream.promise(second * SECOND_NS)
+    assert sent == [98, 99]
+    clock[0] = 50 * SECOND_NS
+    for second in (49, 48, 50):
+        stream.promise(second * SECOND_NS)
+    assert sent == [98, 99, 49, 50]
