@@ -52,6 +52,8 @@ class SharedVocabulary:
     ) -> None:
         self.faults: tuple[str, ...] = ()
         """What of the peers cannot be used, and why."""
+        self._sorts: Mapping[str, tuple[str, ...]] = {}
+        """Of the objects of peers, as they were told last."""
         self._same = same
         self._topic = topic
         self._prefix = prefix
@@ -105,14 +107,15 @@ class SharedVocabulary:
             if wanted.get(topic) != text:
                 await self._try(faults, RemoveSemanticSpecification, stream_name=topic)
         for name in list(remote):
-            if not {*due.objects.get(name, [''])} <= {*knowledge.concepts(name)}:
+            sorts = {*due.objects.get(name, [''])}
+            if not {*self._sorts.get(name, ())} <= sorts <= {*knowledge.concepts(name)}:
                 await self._try(faults, InstanceDestroy, instance_name=name)
                 remote.remove(name)
         added = {name: each for name, each in due.objects.items() if name not in remote}
         texts = set(present.values())
         streams = [each for each in due.streams.values() if each.annotation not in texts]
         await self._add(knowledge, added, streams, faults)
-        self.faults = tuple(faults)
+        self.faults, self._sorts = tuple(faults), due.objects
         return due
 
     async def _add(

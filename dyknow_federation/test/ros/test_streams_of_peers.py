@@ -43,8 +43,7 @@ def test_a_sample_that_contradicts_a_promise_is_told_as_lost() -> None:
 def test_watermarks_go_on_when_the_own_clock_is_set_back() -> None:
     """A value that does not change has nothing else by which states become certain."""
     clock, sent = [NOW], list[int]()
-    publisher = SimpleNamespace(publish=lambda message: None)
-    node: Any = SimpleNamespace(now=lambda: clock[0], create_publisher=lambda *given: publisher)
+    node: Any = SimpleNamespace(now=lambda: clock[0], create_publisher=lambda *_: object())
     watermarks = SimpleNamespace(
         publish=lambda message: sent.extend(each.watermark.sec for each in message.streams)
     )
