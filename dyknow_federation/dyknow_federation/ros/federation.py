@@ -191,18 +191,14 @@ class Federation(DyKnowNode):
             self._peer.release(*name)
         self._own_formulas.reconcile()
         self._own.reconcile()
-        self._publish_waits()
+        # Why the verdicts of peers do not come.
+        if (waits := self._formulas.waits()) != self._published_waits:
+            self._published_waits = waits
+            self._waits.publish(String(data=json.dumps(waits)))
         version = self._vocabulary.version
         if version not in (None, self._meaning_of) and not self._is_working:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
-
-    def _publish_waits(self) -> None:
-        """Publish why the verdicts of peers do not come, when that has changed."""
-        waits = self._formulas.waits()
-        if waits != self._published_waits:
-            self._published_waits = waits
-            self._waits.publish(String(data=json.dumps(waits)))
 
     def _compared(self, name: StreamName) -> tuple[float, ...]:
         """Return the numbers with which a stream is compared; none if its values are needed."""
@@ -212,12 +208,18 @@ class Federation(DyKnowNode):
         return self._settings.compared.get(feature, ())
 
     async def _update_meaning(self) -> None:
+        """Say here what peers share, and to them what this host does."""
         is_done = False
         try:
             remotes = self._peer.remotes.items()
             due = await self._vocabulary.apply({name: each.shares for name, each in remotes})
             self._remote.keep({StreamName(*name) for name in due.streams})
-            await self._offer()
+            deadbands = {each.name: each.deadband for each in self._settings.share}
+            found, knowledge, self._offer_faults = await self._vocabulary.offers(deadbands)
+            given, offers = shares(self._peer.shares.version, found, knowledge, deadbands)
+            self._own.offers = offers
+            if given != self._peer.shares:
+                self._peer.share(given.objects, given.features, self.now())
             is_done = True
         except DyKnowError as error:
             self._warn([f'what hosts share is not up to date: {error}'])
@@ -225,14 +227,6 @@ class Federation(DyKnowNode):
             self._is_working = False
             if not is_done:
                 self._meaning_of = None
-
-    async def _offer(self) -> None:
-        deadbands = {each.name: each.deadband for each in self._settings.share}
-        found, knowledge, self._offer_faults = await self._vocabulary.offers(deadbands)
-        given, offers = shares(self._peer.shares.version, found, knowledge, deadbands)
-        self._own.offers = offers
-        if given != self._peer.shares:
-            self._peer.share(given.objects, given.features, self.now())
 
     def _warn(self, texts: Iterable[str]) -> None:
         for text in self._log.new(texts):

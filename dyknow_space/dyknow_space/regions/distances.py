@@ -62,8 +62,7 @@ class RegionShapes:
         self._polygons: Any = geometries[:, np.newaxis]
         self._boundaries: Any = shapely().boundary(geometries)[:, np.newaxis]
         self._low, self._high = np.array([each.altitude for each in regions]).T[..., np.newaxis]
-        self.bounds_height = any(each.altitude != ALL_HEIGHTS for each in regions)
-        """True if the heights of positions must be known."""
+        self._bounds_height = any(each.altitude != ALL_HEIGHTS for each in regions)
         self._is_bounded = np.array(
             [(each.altitude, each.times) != (ALL_HEIGHTS, ALL_TIMES) for each in regions]
         )
@@ -80,12 +79,12 @@ class RegionShapes:
             SpaceError: if a coordinate is not finite, or a height is needed and unknown.
         """
         library = shapely()
-        _check_finite(positions, needs_height=self.bounds_height)
+        _check_finite(positions, needs_height=self._bounds_height)
         points = library.points(positions.plane)
         size = library.distance(self._boundaries, points)
         is_inside = library.intersects(self._polygons, points)
         found: Floats = np.where(is_inside, 0.0 - size, np.maximum(size, _LEAST))
-        if self.bounds_height:
+        if self._bounds_height:
             found = self._with_heights(found, positions.z)
         if self._bounds_time:
             found = np.where(self._exists(positions.times), found, np.inf)
@@ -118,7 +117,7 @@ class RegionShapes:
             SpaceError: as for `distances`.
         """
         for each in (begin, end):
-            _check_finite(each, needs_height=self.bounds_height)
+            _check_finite(each, needs_height=self._bounds_height)
         library = shapely()
         way = _line(begin.plane[0], end.plane[0])
         polygons = self._polygons[:, 0]
@@ -168,8 +167,6 @@ class GeographicShapes:
     def __init__(self, regions: Sequence[Region]) -> None:
         self.frame = WGS84
         self._projected = [_projected(each) for each in regions]
-        self.bounds_height = any(shapes.bounds_height for _, shapes in self._projected)
-        """True if the heights of positions must be known."""
 
     def distances(self, positions: Positions) -> Floats:
         """Return the distances in metres, as `RegionShapes` does.
