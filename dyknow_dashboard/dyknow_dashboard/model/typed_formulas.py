@@ -12,7 +12,7 @@ from dyknow_common import (
     LanguageError,
     Symbol,
     SymbolKind,
-    TextPosition,
+    position_at,
 )
 from dyknow_dashboard.errors import DashboardError
 from dyknow_reasoning import (
@@ -125,11 +125,6 @@ def _unknown(text: str, symbols: Iterable[Symbol], knowledge: Knowledge) -> Iter
             try:
                 knowledge.feature(symbol.name)
             except SemanticsError as error:
-                yield LanguageError(error.message, 'formula', text, _place(symbol, text)).message
-
-
-def _place(symbol: Symbol, text: str) -> TextPosition:
-    """Return the place of the first use of a feature."""
-    found = re.search(rf'\b{re.escape(symbol.name)}\b', text)
-    before = text[: found.start()] if found else ''
-    return TextPosition(before.count('\n') + 1, len(before) - before.rfind('\n'))
+                used = re.search(rf'\b{re.escape(symbol.name)}\b', text)
+                place = position_at(text, used.start() if used else 0)
+                yield LanguageError(error.message, 'formula', text, place).message
