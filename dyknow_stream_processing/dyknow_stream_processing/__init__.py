@@ -42,7 +42,7 @@ from dyknow_stream_processing.language.specification import (
     references,
     subterms,
 )
-from dyknow_stream_processing.language.type_rules import Unit
+from dyknow_stream_processing.language.type_rules import Nanoseconds, Unit
 from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.streams import read_streams
 from dyknow_stream_processing.path_values import value_reader
@@ -79,6 +79,7 @@ __all__ = [
     'Forecast',
     'FreeNames',
     'Merge',
+    'Nanoseconds',
     'NeedsStepsError',
     'NoValueError',
     'PartialFields',

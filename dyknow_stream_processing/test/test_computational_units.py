@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
-from functools import wraps
+from functools import partial, wraps
 from importlib.metadata import EntryPoint
+from inspect import signature
 
 import pytest
 from recorded_flow import Flow
 
-from dyknow_common import LanguageError, Value
-from dyknow_stream_processing import StreamError, load_units
+from dyknow_common import DyKnowError, LanguageError, Value
+from dyknow_stream_processing import Nanoseconds, StreamError, load_units
 from dyknow_stream_processing.dataflow import computational_units
 
 
@@ -130,9 +132,10 @@ def test_streams_of_a_recreated_stream_begin_with_its_first_complete_window(flow
     }
 
 
-@pytest.mark.parametrize('window', ['0', '-5 s', '2.5', 'true', '"long"'])
+@pytest.mark.parametrize('window', ['0 s', '-5 s', '0', '5', '2.5', 'true', '"long"'])
 def test_a_window_is_a_positive_duration(flow: Flow, window: str) -> None:
-    with pytest.raises(StreamError, match='write a positive duration, such as 5 s'):
+    wanted = 'a positive duration, such as 5 s' if 's' in window else 'one with a unit, such as 5 s'
+    with pytest.raises(DyKnowError, match=f'write {wanted}'):
         run(flow, 'mean', [{'x': 1.0}], f', window = {window}')
     assert flow.dataflow.names() == ()
 
@@ -158,6 +161,50 @@ def test_parameters_of_functions_are_keyword_only(flow_class: type[Flow]) -> Non
     assert flow.take() == [(1, {'y': 5.0})]
     with pytest.raises(LanguageError, match=r"has no parameter 'number' \(it has: factor\)"):
         flow.create('compunit y: float scaled(x: float); sink scaled("a", number = 1)', 't')
+
+
+@pytest.mark.parametrize(
+    ('setting', 'fault'),
+    [
+        ('factor = "three"', 'is a float; write one instead of "three"'),
+        ('factor = true', 'is a float; write one instead of true'),
+        ('factor = 5 s', 'is a float; write one instead of 5 s'),
+        ('factor = 3', ''),
+        ('count = 2.5', 'is an int; write one instead of 2.5'),
+        ('count = 5 s', ''),  # For units that were written without Nanoseconds.
+        ('title = 5', 'is a string; write one instead of 5'),
+        ('whole = "yes"', 'is a boolean; write one instead of "yes"'),
+        ('window = 5', 'is a duration; write one with a unit, such as 5 s, instead of 5'),
+        ('window = "5 s"', 'is a duration; write one with a unit, such as 5 s, instead of "5 s"'),
+        ('window = 5 ms', ''),
+        ('other = "three"', ''),
+    ],
+)
+def test_settings_are_of_the_types_of_their_parameters(
+    flow_class: type[Flow], setting: str, fault: str
+) -> None:
+    def unit(
+        number: Mapping[str, float],
+        *,
+        factor: float = 1.0,
+        count: int = 1,
+        title: str = '',
+        whole: bool = True,
+        window: Nanoseconds = 1,
+        other: float | None = None,
+    ) -> float:
+        return number['x'] if (factor, count, title, whole, window, other) else 0.0
+
+    evaluated = wraps(unit)(partial(unit))
+    evaluated.__signature__ = signature(unit, eval_str=True)  # type: ignore[attr-defined]
+    flow = flow_class({'unit': unit, 'evaluated': evaluated})
+    for name in ('unit', 'evaluated'):
+        text = f'compunit y: float {name}(x: float); sink {name}("a", {setting})'
+        if fault:
+            with pytest.raises(LanguageError, match=re.escape(fault)):
+                flow.create(text, name)
+        else:
+            flow.create(text, name)
 
 
 def test_distance_synchronises_its_inputs(flow: Flow) -> None:

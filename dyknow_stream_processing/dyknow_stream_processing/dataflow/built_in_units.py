@@ -11,6 +11,7 @@ from typing import Any
 from dyknow_common import SECOND_NS, listed, unit_conversion
 from dyknow_space import SpaceError
 from dyknow_stream_processing.dataflow.built_in.transforms import checked_transform
+from dyknow_stream_processing.language.type_rules import Nanoseconds
 
 
 def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
@@ -106,8 +107,8 @@ class SlidingWindow:
         ValueError: if the length is not a positive number of nanoseconds.
     """
 
-    def __init__(self, window: int = SECOND_NS) -> None:
-        if type(window) is not int or window <= 0:
+    def __init__(self, window: Nanoseconds = SECOND_NS) -> None:
+        if window <= 0:
             raise ValueError(f'window is {window}; write a positive duration, such as 5 s')
         self.window = window
         self._samples: deque[tuple[int, float]] = deque()

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from dyknow_common import SECOND_NS
 from dyknow_stream_processing.aggregates import poses_of_line
 from dyknow_stream_processing.dataflow.drift import Coverage, DriftTest
+from dyknow_stream_processing.language.type_rules import Nanoseconds
 
 MAX_STEPS: Final = 100
 """The most times of a forecast after now."""
@@ -57,8 +58,8 @@ class Forecast(ABC):
         ValueError: naming the argument that is at fault.
     """
 
-    horizon: int
-    step: int
+    horizon: Nanoseconds
+    step: Nanoseconds
     bound: str = 'high'
     widening: str = ''
 

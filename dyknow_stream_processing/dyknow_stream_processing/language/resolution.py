@@ -32,6 +32,7 @@ from dyknow_stream_processing.language.type_rules import (
     comparable_types,
     fits,
     interpolated,
+    setting_fault,
     settings,
     with_article,
 )
@@ -368,6 +369,9 @@ class _Resolver:
             if each.name in seen:
                 raise self._error(f"parameter '{each.name}' is given twice", each.position)
             seen.add(each.name)
+            if possible is not None and (fault := setting_fault(possible[each.name], each)):
+                message = f"parameter '{each.name}' of computational unit '{call.unit}' {fault}"
+                raise self._error(message, each.position)
 
     def _merge(self, merge: syntax.Merge) -> _TypedTerm:
         inputs, fields = zip(*map(self.term, merge.inputs), strict=True)

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from inspect import Parameter, isclass, signature
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from dyknow_common import ValueType
-from dyknow_stream_processing.language.specification import Condition
+from dyknow_stream_processing.language.specification import Condition, UnitArgument
 
 Unit = Callable[..., Any]
 """A registered computational unit: a function, or a class with callable instances."""
 
 TIME: Final = 'valid_time'
 """The parameter of a unit that receives the valid time of the sample."""
+
+Nanoseconds = Annotated[int, 'nanoseconds']
+"""The annotation of a setting that is a duration, which calls write with a unit of time."""
+
+_SETTING_TYPES: Final[Mapping[str, ValueType]] = {
+    'bool': ValueType.BOOLEAN,
+    'float': ValueType.FLOAT,
+    'int': ValueType.INT,
+    'str': ValueType.STRING,
+}
+"""The types of settings by their annotations; others are not checked."""
 
 _NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
 
@@ -29,7 +40,7 @@ def collision_text(field: str, first: str, second: str) -> str:
     return f"field '{field}' comes from both {first} and {second}; rename it in one of them"
 
 
-def settings(unit: Unit) -> tuple[str, ...] | None:
+def settings(unit: Unit) -> Mapping[str, Parameter] | None:
     """Return the parameters of a unit that a call may set by name, `mean(power, window = 5 s)`.
 
     The constructor's parameters of a class, and a function's keyword-only ones; None if it takes
@@ -38,11 +49,26 @@ def settings(unit: Unit) -> tuple[str, ...] | None:
     try:
         parameters = tuple(signature(unit).parameters.values())
     except ValueError:  # Some functions written in C have no signature.
-        return ()
+        return {}
     if isclass(unit) and any(each.kind is Parameter.VAR_KEYWORD for each in parameters):
         return None
     kinds = [Parameter.KEYWORD_ONLY, *([Parameter.POSITIONAL_OR_KEYWORD] * isclass(unit))]
-    return tuple(each.name for each in parameters if each.kind in kinds and each.name != TIME)
+    return {each.name: each for each in parameters if each.kind in kinds and each.name != TIME}
+
+
+def setting_fault(parameter: Parameter, argument: UnitArgument) -> str:
+    """Return why a setting is not of the type of its annotation; empty if it is, or may be."""
+    kind, given = parameter.annotation, str(argument).partition(' = ')[2]
+    if kind in ('Nanoseconds', Nanoseconds):
+        with_unit = f'is a duration; write one with a unit, such as 5 s, instead of {given}'
+        return '' if argument.is_duration else with_unit
+    wanted = _SETTING_TYPES.get(kind if isinstance(kind, str) else getattr(kind, '__name__', ''))
+    if wanted is None or (
+        wanted.accepts(ValueType.of(argument.value))
+        and (wanted is ValueType.INT or not argument.is_duration)
+    ):
+        return ''
+    return f'is {with_article(wanted)}; write one instead of {given}'
 
 
 def interpolated(found: ValueType | None) -> ValueType | None:
