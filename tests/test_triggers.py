@@ -265,6 +265,7 @@ def test_events_within_the_interval_are_ignored(observed: Observed, tmp_path: Pa
     with Triggers(observed.node, [requested]) as triggers:
         for _ in range(5):
             triggers.on_answer(requested, ANSWERS['violation'])
+            triggers.on_progress(requested, Progress(1))
         status = observed.wait_for_level(DiagnosticStatus.OK, 'done in attempt 1')
         assert {each.key: each.value for each in status.values}['ignored events'] == '4'
         entries = [each.value for each in status.values if each.key.endswith(' ago')]

@@ -7,6 +7,7 @@ that is asked at every state, and asked again after an error:
     an episode begins                   false
     the episode ends                    clear
     CONSTRAINT_VIOLATION                violation
+    UNAVAILABLE, of a retry             none: no state has come since the violation
     states are progressed again         clear, or false if they violate the formula
     TRUE or FALSE at the timeout        none: the episodes were events
 
@@ -149,7 +150,7 @@ class FormulaEvents:
                 event = TriggerEvent.TRUE if answer.verdict is Verdict.TRUE else TriggerEvent.FALSE
                 time = answer.decided_at or now
                 yield self._report(event, answer.explanation, time, answer.margin)
-        elif error.code not in _NO_VIOLATIONS:
+        elif error.code not in _NO_VIOLATIONS and not self._violation:
             self._violation = f'{error.code.name}: {error.message}'
             yield self._report(TriggerEvent.VIOLATION, self._violation, now, answer.margin)
 

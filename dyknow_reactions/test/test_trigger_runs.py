@@ -224,3 +224,25 @@ def test_no_alarm_is_over_for_a_moment_when_states_come_again_in_an_episode() ->
         for each in events.on_progress(progress.with_episodes(violated), 0)
     ]
     assert found == [TriggerEvent.FALSE]
+
+
+@pytest.mark.parametrize('every_state', [False, True])
+def test_retries_without_states_are_one_violation(*, every_state: bool) -> None:
+    """A source that stays at fault is one alarm, whatever the retries end with."""
+    events = FormulaEvents(RequestedFormula('p', every_state=every_state))
+    episodes = StandingVerdicts() if every_state else None
+    codes = (ExitCode.CONSTRAINT_VIOLATION, ExitCode.UNAVAILABLE, ExitCode.CONSTRAINT_VIOLATION)
+    errors = [DyKnowError(f'error {number}', code) for number, code in enumerate(codes)]
+    for _ in range(2):
+        reports = [
+            report
+            for error in errors
+            for report in (
+                *events.on_answer(Answer(error=error, episodes=episodes), 0),
+                *events.on_progress(Progress(episodes=episodes), 0),
+            )
+        ]
+        assert [each.event for each in reports] == [TriggerEvent.VIOLATION]
+        (clear,) = events.on_progress(Progress(1, episodes=episodes), 0)
+        assert clear.event is TriggerEvent.CLEAR
+        assert clear.explanation == 'it has passed: CONSTRAINT_VIOLATION: error 0'
