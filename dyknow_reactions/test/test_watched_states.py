@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import nan
+
 import pytest
 
 from dyknow_common import DyKnowError
@@ -68,6 +70,38 @@ def test_a_lost_state_is_no_error_without_the_past() -> None:
     guarded.states.gap()
     guarded.receive(400, x=5.0)
     assert not guarded.is_open
+
+
+@pytest.mark.parametrize('later', [0.0, nan])
+def test_unknown_values_before_a_gap_close_the_gate_until_they_make_no_difference(
+    later: float,
+) -> None:
+    """The formula is false from 100 if Ahead was less than 1 there."""
+    guarded = Guarded('Ahead < 1 -> always[0 ns, 300 ns] x < 5')
+    guarded.begin({}, UnknownFeatures({'Ahead': (0.0, 9.0)}))
+    guarded.receive(100, Ahead=nan, x=1.0)
+    assert guarded.is_open
+    guarded.states.gap()
+    guarded.receive(300, Ahead=2.0, x=7.0)
+    assert not guarded.is_open
+    assert 'want of unknown values until 0.0000001 s, after which states are missing' in (
+        guarded.gate.reason
+    )
+    guarded.receive(400, Ahead=2.0, x=7.0)
+    assert not guarded.is_open
+    guarded.receive(500, Ahead=2.0, x=7.0)
+    assert guarded.is_open
+    guarded.receive(600, Ahead=later, x=7.0)
+    assert not guarded.is_open
+
+
+def test_unknown_values_before_a_gap_that_always_make_a_difference() -> None:
+    guarded = Guarded('Ahead < 1 -> always x < 5')
+    guarded.begin({}, UnknownFeatures({'Ahead': (0.0, 9.0)}))
+    guarded.receive(100, Ahead=nan, x=1.0)
+    guarded.states.gap()
+    with pytest.raises(DyKnowError, match='after which states are missing'):
+        guarded.receive(200, Ahead=2.0, x=1.0)
 
 
 @pytest.mark.parametrize(

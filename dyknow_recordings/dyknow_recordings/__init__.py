@@ -5,6 +5,7 @@ from dyknow_recordings.black_boxes import (
     BLACK_BOX,
     BlackBoxContent,
     horizon,
+    is_bounded,
     read_black_box,
 )
 from dyknow_recordings.errors import RecordingError
@@ -75,6 +76,7 @@ __all__ = [
     'evaluate_recording',
     'horizon',
     'in_order',
+    'is_bounded',
     'load_vocabulary',
     'message_types',
     'observe_recording',

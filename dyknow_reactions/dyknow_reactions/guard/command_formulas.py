@@ -111,6 +111,7 @@ class CommandStates:
 
     def __init__(self, name: str, formula: CommandFormula, reports: GateReports) -> None:
         self._name, self._formula, self._reports = name, formula, reports
+        self.crosses_gaps = False
 
     def begin(
         self, _formula: str, domains: Mapping[str, Sequence[str]], _unknown: UnknownFeatures

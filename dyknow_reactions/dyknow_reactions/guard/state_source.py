@@ -39,6 +39,10 @@ class StateSource(NamedTuple):
     stream: str
     formula: str
 
+    def is_same_group(self, other: StateSource) -> bool:
+        """Return True if the states of another source are of the same evaluation and objects."""
+        return (self.started, self.group) == (other.started, other.group)
+
 
 def latest_source(evaluations: Iterable[EvaluationStatus]) -> StateSource | None:
     """Return the source of the latest evaluation that has states; None if none has."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf
 
-from dyknow_common import Value
+from dyknow_common import Value, format_time
 from dyknow_reactions.errors import ReactionError
 from dyknow_reactions.guard.gate import GateReports
 from dyknow_reasoning import (
@@ -12,9 +13,14 @@ from dyknow_reasoning import (
     Domains,
     FormulaGroup,
     FormulaResult,
+    PastFormula,
+    PastTerm,
     UnknownFeatures,
     Values,
+    parse_formula,
+    walk,
 )
+from dyknow_recordings import horizon, is_bounded
 
 
 class WatchedFormula:
@@ -34,6 +40,11 @@ class WatchedFormula:
         self._id = self._group.add_formula('', text, every_state=True)
         self._group.begin(domains, unknown)
         self._monitor = self._group.standing.formulas[self._id].monitor
+        parsed = parse_formula(text)
+        self._horizon = horizon(text) if is_bounded(parsed) else inf
+        self.looks_back = any(isinstance(each, PastFormula | PastTerm) for each in walk(parsed))
+        """True if it cannot be asked after a gap."""
+        self._latest, self._lost_until, self._lost_text = 0, -inf, ''
         self.error = ''
         """Why it cannot be asked at any further state; empty if it can."""
         self._note_end(self._group.decided_at_once())
@@ -50,18 +61,31 @@ class WatchedFormula:
             valid_time: of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
-        known = self._monitor.failure_count
-        self._note_end(self._group.progress(valid_time, values))
+        known, self._latest = self._monitor.failure_count, valid_time
+        if not self.error:
+            self._note_end(self._group.progress(valid_time, values))
         if self.error:
             return self.error
         if reason := self._group.standing.omitted.get(self._id):
             return reason
         if self._monitor.is_violated or self._monitor.failure_count != known:
             return self._group.standing.summary(self._id).latest_episodes[-1].explanation
-        return self._monitor.doubt.text
+        return self._lost_text if valid_time <= self._lost_until else self._monitor.doubt.text
 
     def gap(self) -> None:
-        """Record that states may be missing before the next one."""
+        """Record that states may be missing before the next one.
+
+        If it is undecided from states before, for want of unknown values, it may have become false
+        from them until its last operator has ended; one without an end cannot be asked any more.
+        """
+        if self._monitor.is_lost_by_gap:
+            self._lost_text = (
+                f'undecided for want of unknown values until {format_time(self._latest)}, after '
+                'which states are missing'
+            )
+            self._lost_until = self._latest + self._horizon
+            if self._horizon == inf:
+                self.error = self._lost_text
         self._group.gap()
 
     def _note_end(self, results: Iterable[FormulaResult]) -> None:
@@ -81,6 +105,11 @@ class WatchedStates:
         self._name, self._reports = name, reports
         self._formula: WatchedFormula | None = None
         self._inputs: object = None
+
+    @property
+    def crosses_gaps(self) -> bool:
+        """True if the formula can be asked of other states of the same objects."""
+        return self._formula is not None and not (self._formula.error or self._formula.looks_back)
 
     def begin(
         self, formula: str, domains: Mapping[str, Sequence[str]], unknown: UnknownFeatures

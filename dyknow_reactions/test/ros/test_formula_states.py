@@ -151,6 +151,18 @@ def test_another_stream_begins_with_states_that_do_not_count() -> None:
     assert guarded.is_open
 
 
+@pytest.mark.parametrize('change', [{}, {'started': 2}, {'formula_group_id': 2}])
+def test_another_stream_of_the_same_evaluation_ends_no_obligation(change: dict[str, int]) -> None:
+    guarded = Guarded('x < 0 -> always[0 ns, 300 ns] x < 5')
+    for valid_time, x in ((100, -1.0), (200, 1.0)):
+        guarded.publish(valid_time, x)
+    guarded.report(state_stream='s2', **change)
+    guarded.publish(300, 7.0)
+    assert guarded.is_open is bool(change)
+    guarded.publish(400, 7.0)
+    assert guarded.is_open
+
+
 def test_the_states_of_another_group_count_from_the_first_on() -> None:
     """A simulation that is set back ends the evaluation, and has other states earlier."""
     guarded = Guarded('x < 3')

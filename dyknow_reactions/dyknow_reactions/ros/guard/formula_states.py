@@ -41,6 +41,10 @@ RESUME_TIMEOUT_S: Final = 4.0
 class StateReceiver(Protocol):
     """A formula of a guard, which receives its states."""
 
+    @property
+    def crosses_gaps(self) -> bool:
+        """True if it goes on with another stream of the same evaluation, after a gap."""
+
     def begin(
         self, formula: str, domains: Mapping[str, Sequence[str]], unknown: UnknownFeatures
     ) -> None:
@@ -150,13 +154,14 @@ class FormulaStates:
             unknown = await unknown_of(self._services.ontology, source.formula)
             if source != self._source:
                 return  # There are newer states.
-            self._receiver.begin(source.formula, domains, unknown)
+            if not (self._receiver.crosses_gaps and source.is_same_group(self._used)):
+                self._receiver.begin(source.formula, domains, unknown)
         except DyKnowError as error:
             if source == self._source:
                 self._give_up(error.message)
             return
         self._leave_states()
-        if source.group != self._used.group:
+        if not source.is_same_group(self._used):
             self._line = self._new_line()
         self._used = source
         node = self._services.node

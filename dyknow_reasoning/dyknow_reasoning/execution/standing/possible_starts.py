@@ -187,6 +187,11 @@ class PossibleStarts:
             self._suspects = _before(self._suspects, [*undecided, latest])
 
     @property
+    def is_open(self) -> bool:
+        """True if the formula may become false from a state so far."""
+        return bool(self._groups or self._cases or self._lost)
+
+    @property
     def is_suspect(self) -> bool:
         """True if a failure may be known in some case, before a start that is undecided there."""
         unknown = union_of(runs for _, runs, _ in self._cases.values())

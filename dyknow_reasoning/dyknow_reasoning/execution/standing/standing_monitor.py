@@ -184,6 +184,14 @@ class StandingMonitor:
         is_so = possible.is_new_doubt or possible.is_suspect or not self._holds_after(number)
         return before.doubt if is_so else NO_DOUBT
 
+    @property
+    def is_lost_by_gap(self) -> bool:
+        """True if no failure would become known from a state so far after a gap that followed now.
+
+        Starts of a formula that has met unknown values are not progressed over gaps.
+        """
+        return self._possible is not None and self._possible.is_open
+
     def possible(self, number: int) -> PossibleFormula | None:
         """Return what remains from an undecided state on, if the formula met unknown values."""
         return self._possible.at(number) if self._possible else None
