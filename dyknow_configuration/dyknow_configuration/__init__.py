@@ -10,7 +10,7 @@ from dyknow_configuration.federation import (
     RequestedShare,
 )
 from dyknow_configuration.forecasts import table_text
-from dyknow_configuration.formulas import read_formulas, warn_of_notes
+from dyknow_configuration.formulas import formula_lines, read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
 from dyknow_configuration.proposals.observations import (
     FRAME,
@@ -113,6 +113,7 @@ __all__ = [
     'fields_of_interest',
     'filled',
     'find_faults',
+    'formula_lines',
     'frame_difference',
     'frames_of',
     'is_coordinate',

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from dyknow_common import FORMULA_WORDS, BlackBoxOptions, LanguageError, read_text
+from dyknow_common import FORMULA_WORDS, BlackBoxOptions, LanguageError, TextPosition, read_text
 from dyknow_configuration.composed_text import checked_text
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, Severity
@@ -39,34 +40,66 @@ FORMULA_KEYS: Final = (
     'record',
 )
 
+_YAML_ENDINGS: Final = frozenset({'.yaml', '.yml'})
 _RECORD_KEYS: Final = ('topics', 'before', 'after')
 
 
 def read_formulas(
-    path: Path, constants: Constants = NO_CONSTANTS, triggers: Triggers = NO_TRIGGERS
+    path: Path,
+    constants: Constants = NO_CONSTANTS,
+    triggers: Triggers = NO_TRIGGERS,
+    *,
+    is_checked: bool = False,
 ) -> tuple[RequestedFormula, ...]:
     """Return the formulas of a file.
 
     A file with the ending `.yaml` or `.yml` has a list of formulas as `robot.yaml` has it. Any
-    other has one formula a line, which is not checked here; # begins a comment line.
+    other has one formula a line; # begins a comment line.
+
+    Args:
+        path: of the file.
+        constants: that the formulas may name.
+        triggers: that the formulas may name.
+        is_checked: True to check the formulas in lines, too.
 
     Raises:
         ConfigurationError: with the place of the fault.
     """
-    if path.suffix in {'.yaml', '.yml'}:
+    if path.suffix in _YAML_ENDINGS:
         return formulas_of([read_yaml(path)], constants, triggers)
-    lines = read_text(path, 'formulas', ConfigurationError).splitlines()
-    stripped = [line.strip() for line in lines]
-    wanted = (line for line in stripped if line and line[0] != '#')
-    return tuple(RequestedFormula(line, constants=constants) for line in wanted)
+    text = read_text(path, 'formulas', ConfigurationError)
+    found: list[RequestedFormula] = []
+    for position, formula in formula_lines(text):
+        try:
+            if is_checked:
+                check_types(parse_formula(formula, constants), formula)
+        except LanguageError as error:
+            place = replace(position, column=position.column + error.position.column - 1)
+            raise ConfigurationError.at(error.reason, path, text, place) from None
+        found.append(RequestedFormula(formula, constants=constants))
+    return tuple(found)
+
+
+def formula_lines(text: str) -> Iterator[tuple[TextPosition, str]]:
+    """Yield each formula of a text with one a line, and where it begins."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if (formula := line.strip()) and formula[0] != '#':
+            yield TextPosition(number, line.index(formula) + 1), formula
 
 
 def formulas_of(
     lists: Iterable[YamlValue],
     constants: Constants = NO_CONSTANTS,
     triggers: Triggers = NO_TRIGGERS,
+    within: Collection[Path] = (),
 ) -> tuple[RequestedFormula, ...]:
     """Return formulas of lists of mappings, and of files that are named in their place.
+
+    Args:
+        lists: of formulas.
+        constants: that the formulas may name.
+        triggers: that the formulas may name.
+        within: the files, resolved, that name the files of the lists.
 
     Raises:
         ConfigurationError: with the place of the fault, also inside of a formula.
@@ -74,33 +107,44 @@ def formulas_of(
     found: list[RequestedFormula] = []
     names: set[str] = set()
     for each in (element for value in lists for element in _elements(value)):
-        if not each.is_mapping:
-            name = each.text('a mapping with name and formula, or a file of formulas')
-            found += read_formulas(each.document.path.parent / name.strip(), constants, triggers)
-            continue
-        formula = _formula(each, names, constants, triggers)
-        names.add(formula.name)
-        found.append(formula)
+        if each.is_mapping:
+            added: Sequence[RequestedFormula] = [_formula(each, constants, triggers)]
+        else:
+            added = _formulas_in_file(each, constants, triggers, within)
+        for formula in added:
+            if formula.name and formula.name in names:
+                place = each.mapping(FORMULA_KEYS)['name'] if each.is_mapping else each
+                raise place.error(f"the name '{formula.name}' is taken; use another")
+            names.add(formula.name)
+        found += added
     return tuple(found)
+
+
+def _formulas_in_file(
+    value: YamlValue, constants: Constants, triggers: Triggers, within: Collection[Path]
+) -> Sequence[RequestedFormula]:
+    value.text('a mapping with name and formula, or a file of formulas')
+    path = value.existing_file()
+    if path.suffix not in _YAML_ENDINGS:
+        return read_formulas(path, constants, is_checked=True)
+    files = {*within, value.document.path.resolve()}
+    if path.resolve() in files:
+        raise value.error('this file names itself, or is named by one that it names; remove it')
+    return formulas_of([read_yaml(path)], constants, triggers, files)
 
 
 def _elements(value: YamlValue) -> list[YamlValue]:
     return [value] if value.is_text else value.items('a list of formulas')
 
 
-def _formula(
-    value: YamlValue, names: set[str], constants: Constants, triggers: Triggers
-) -> RequestedFormula:
+def _formula(value: YamlValue, constants: Constants, triggers: Triggers) -> RequestedFormula:
     stated = value.mapping(FORMULA_KEYS, ('name', 'formula'))
-    name = stated['name'].line()
-    if name in names:
-        raise stated['name'].error(f"the name '{name}' is taken; use another")
     text = stated['formula'].text('a formula').rstrip()
     with checked_text(stated['formula']).errors():
         check_types(parse_formula(text, constants), text)
     return RequestedFormula(
         text,
-        name,
+        stated['name'].line(),
         stated['description'].line() if 'description' in stated else '',
         Severity(
             stated['severity'].choice('severity', [*Severity])

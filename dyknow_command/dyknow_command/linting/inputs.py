@@ -27,6 +27,7 @@ from dyknow_configuration import (
     TopicExpectation,
     YamlValue,
     find_faults,
+    formula_lines,
     is_parameter_file,
     parameter_faults,
     read_formulas,
@@ -268,11 +269,8 @@ def _read_statements(
 def _read_lines(inputs: LintInputs, path: Path) -> None:
     """Read a file with a formula in each line."""
     text = read_text(path, 'formulas', ConfigurationError)
-    for number, line in enumerate(text.split('\n'), start=1):
-        formula = line.strip()
-        if not formula or formula.startswith('#'):
-            continue
-        place = FilePlace(str(path), text, TextPosition(number, line.index(formula) + 1))
+    for position, formula in formula_lines(text):
+        place = FilePlace(str(path), text, position)
         try:
             check_types(parse_formula(formula), formula)
         except (LanguageError, DyKnowError) as error:

@@ -205,8 +205,10 @@ def buffer_of(geometry: Any, distance: float, frame: str = '') -> Any:
         frame: of the coordinates.
 
     Raises:
-        SpaceError: if nothing is left.
+        SpaceError: if the distance is not finite, or nothing is left.
     """
+    if not math.isfinite(distance):
+        raise SpaceError(f'the distance of a buffer is finite, not {distance}')
     if frame != WGS84:
         return checked_geometry(shapely().buffer(geometry, distance, quad_segs=_QUARTER))
     plane = LocalPlane.of(geometry)
