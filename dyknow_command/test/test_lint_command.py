@@ -105,6 +105,60 @@ def test_objects_may_come_from_peers(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (code, 'Range' in shown) == (1, True), shown
 
 
+@pytest.mark.parametrize(
+    ('changed', 'finding'),
+    [
+        ('Speed', None),
+        ('Charge', None),
+        ('Sped', "4:75: warning: unknown concept 'Sped'; did you mean 'Speed'? If a peer shares "),
+        ('share: Spee', "5:36: error: unknown concept 'Spee'; did you mean 'Speed'?"),
+        ('share: {feature: Spee}', "5:46: error: unknown concept 'Spee'"),
+        ('same: [r1, r2]', "5:40: error: unknown instance 'r2'"),
+    ],
+)
+def test_names_that_only_this_host_can_have(
+    changed: str, finding: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    feature, federation = (changed, '') if ':' not in changed else ('Speed', f', {changed}')
+    path.write_text(
+        'objects: {Rover: [r1]}\nfeatures:\n'
+        "  Speed: {of: {r: Rover}, unit: m/s, from: {topic: '/{r}/odom', field: x}}\n"
+        "formulas: [{name: a, formula: 'forall r in Rover: always Speed[r] < 9 and "
+        f"{feature}[r] > 0'}}]\n"
+        f'federation: {{name: station{federation}}}\n'
+    )
+    code, shown = lint(capsys, path)
+    assert (code, f'{path}:{finding}' in shown) == ((0, False) if finding is None else (1, True)), (
+        shown
+    )
+
+
+def test_domains_of_unknown_sorts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text('objects: {Rover: [r1]}\ndomains: {Rover: r2, Rovr: [r3]}\n')
+    code, shown = lint(capsys, path)
+    assert (code, shown.count('error')) == (1, 1)
+    assert f"{path}:2:22: error: unknown concept 'Rovr'; did you mean 'Rover'?" in shown
+
+
+def test_uncertainties_are_used_with_their_features(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'features:\n'
+        '  Height: {uncertainty: {variance: v, covariances: {Width: c}}, from: &t {topic: /t, '
+        'field: x}}\n'
+        '  Width: {uncertainty: {deviation: d}, from: *t}\n'
+        '  Depth: {uncertainty: {deviation: d}, from: *t}\n'
+        'formulas: [{name: a, formula: P(always Height > 1) > 0.9}]\n'
+    )
+    code, shown = lint(capsys, path)
+    assert (code, shown.count('warning')) == (1, 1)
+    assert "no formula uses the feature 'Depth';" in shown
+
+
 OBJECTS = ', '.join(f'r{number}' for number in range(50_100))
 WORDS = 'a > 1 and ' * 50_100
 

@@ -46,7 +46,7 @@ ONTOLOGY_ENDINGS: Final = ('.owl', '.ttl', '.rdf', '.xml', '.nt')
 _KINDS: Final = {'.ssl': 'annotations', '.streams': 'streams', '.bridges': 'bridges'}
 """The kinds of texts by the endings of their files."""
 
-_SECTIONS: Final = ('sorts', 'objects', 'features', 'constants')
+_SECTIONS: Final = ('sorts', 'objects', 'features', 'constants', 'domains')
 YAML_ENDINGS: Final = frozenset({'.yaml', '.yml'})
 _PLACE: Final = re.compile(r'(?P<path>.*):(?P<line>\d+):(?P<column>\d+)', re.DOTALL)
 
@@ -188,9 +188,9 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
     if robot.federation is not None:
         inputs.has_peers = True
         inputs.shared |= {each.name for each in robot.federation.share}
-    for section, key, _ in _entries(found.document):
+    for section, key in (*_entries(found.document), *_shared(found.document)):
         place = FilePlace(str(key.document.path), key.document.text, key.position(0))
-        inputs.places[section, key.text()] = place
+        inputs.places[section, key.text().strip()] = place
 
 
 def _parsers() -> Mapping[str, Callable[[str], object]]:
@@ -203,11 +203,23 @@ def _parsers() -> Mapping[str, Callable[[str], object]]:
     }
 
 
-def _entries(document: YamlValue) -> Iterator[tuple[str, YamlValue, YamlValue]]:
+def _entries(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
+    """Yield the names that a robot.yaml declares, each with its section."""
     for section, value in document.entries('a robot.yaml'):
         if section.text() in _SECTIONS and value.is_mapping:
-            for key, entry in value.entries('a mapping'):
-                yield section.text(), key, entry
+            yield from ((section.text(), key) for key, _ in value.entries('a mapping'))
+
+
+def _shared(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
+    """Yield the features and objects that a federation names as those of this host."""
+    stated = dict(_keys_of(document)).get('federation')
+    for key, value in _keys_of(stated) if stated else ():
+        for each in value.one_or_more() if key in {'share', 'same'} else ():
+            yield key, dict(_keys_of(each))['feature'] if each.is_mapping else each
+
+
+def _keys_of(value: YamlValue) -> Iterator[tuple[str, YamlValue]]:
+    return ((key.word(), each) for key, each in value.entries('a mapping'))
 
 
 def _placed(formulas: Iterable[RequestedFormula], document: YamlValue) -> Iterator[PlacedFormula]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import replace
+from difflib import SequenceMatcher
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs, PlacedFormula
@@ -64,6 +65,12 @@ _NAMED = re.compile(
     r"""|\b(?P<feature>[A-Za-z_]\w*)\["""
 )
 
+_MISSPELT = re.compile(r"'(\w+)'; did you mean '(\w+)'\?")
+_UNCERTAINTIES = 'SELECT ?text { ?feature <http://www.dyknow.org/ontology#uncertainty> ?text }'
+
+_SIMILARITY = 0.8
+"""The least similarity of a name of a peer with an own one for which it is taken, from 0 to 1."""
+
 Contents = Mapping[str, TopicContent]
 
 
@@ -99,6 +106,7 @@ class VocabularyChecks:
             if vocabulary.knowledge is not None:
                 yield from self._annotation_findings(vocabulary.knowledge.stated)
                 yield from self._bridge_findings(vocabulary.knowledge.stated)
+                yield from self._name_findings(vocabulary.knowledge)
             if inputs.has_robot or inputs.files.ontologies:
                 yield from self._formula_findings(vocabulary)
             else:
@@ -134,6 +142,23 @@ class VocabularyChecks:
                 except LanguageError as error:
                     yield error_at(self._inputs.place_of(source), error)
 
+    def _name_findings(self, knowledge: Knowledge) -> Iterator[Finding]:
+        """Yield the names that a federation and domains have for nothing on this host."""
+        inputs = self._inputs
+        known: dict[str, Callable[[str], object]] = {
+            'same': knowledge.instance,
+            'share': knowledge.feature,
+        }
+        if not inputs.has_peers:
+            known['domains'] = knowledge.subconcepts
+        for (section, name), place in inputs.places.items():
+            try:
+                if section in known:
+                    known[section](name)
+            except DyKnowError as error:
+                if not inputs.is_consequence(error.message):
+                    yield error_at(place, error)
+
     def _formula_findings(self, vocabulary: Vocabulary) -> Iterator[Finding]:
         streams = RecordedStreams(self._contents, self._inputs.files.streams)
         grounder = FormulaGrounder(vocabulary, streams)
@@ -147,9 +172,14 @@ class VocabularyChecks:
             except DyKnowError as error:
                 reason = _reason(error)
                 is_unfit = any(f'no stream carries {each}' in reason for each in self._unfit)
-                is_unfit |= self._inputs.has_peers and error.code is ExitCode.NOT_FOUND
-                if not is_unfit and not self._inputs.is_consequence(reason):
-                    yield error_at(formula.place(_mentioned(reason, requested.text)), reason)
+                place = formula.place(_mentioned(reason, requested.text))
+                if is_unfit or self._inputs.is_consequence(reason):
+                    continue
+                if not (self._inputs.has_peers and error.code is ExitCode.NOT_FOUND):
+                    yield error_at(place, reason)
+                elif (names := _MISSPELT.search(reason)) and _are_similar(*names.groups()):
+                    text = f"{reason} If a peer shares '{names[1]}', declare it here, too"
+                    yield warning_at(place, text)
         yield from self._reference_findings()
 
     def _stamp_findings(
@@ -199,11 +229,14 @@ class VocabularyChecks:
             if not vocabulary.instances(sort) and not inputs.is_consequence(f"'{sort}'"):
                 text = f"the sort '{sort}' has no objects: formulas over it say nothing; add some"
                 yield warning_at(self._place('objects', sort), text)
+        uncertainties = [text.partition(',')[2] for (text,) in vocabulary.query(_UNCERTAINTIES)]
         for feature in knowledge.features if inputs.formulas else ():
             near = {*knowledge.superconcepts(feature.name), *knowledge.subconcepts(feature.name)}
             is_used = near & used or _is_in(feature.name, inputs.refused)
-            # The bounds of a forecast are declared together, and so are the features of positions.
+            # The bounds of a forecast are declared together, and so are the features of positions,
+            # and those that uncertainties are measured with.
             is_given = ForecastFeature.of(feature.name) or feature.name in POSITION_FEATURES
+            is_given = is_given or _is_in(feature.name, uncertainties)
             if not (is_used or is_given) and not inputs.is_consequence(f"'{feature.name}'"):
                 text = f"no formula uses the feature '{feature.name}'; add one, or remove it"
                 yield warning_at(self._place('features', feature.name), text)
@@ -239,6 +272,10 @@ def _unit_findings(formula: PlacedFormula, grounded: GroundedFormula) -> Iterato
             'by a factor'
         )
         yield warning_at(formula.place(_mentioned(text, formula.requested.text)), text)
+
+
+def _are_similar(one: str, other: str) -> bool:
+    return SequenceMatcher(None, one, other).ratio() >= _SIMILARITY
 
 
 def _is_in(name: str, texts: Iterable[str]) -> bool:
