@@ -104,7 +104,8 @@ def _add(options: argparse.Namespace, chosen: Iterable[Recipe]) -> int:
 
 
 def _most_objects(recipe: Recipe) -> int:
-    return max((x.text.count(',') + 1 for x in recipe.parts if x.section == 'objects'), default=0)
+    listed = (each.plain.values() for each in recipe.parts if each.section == 'objects')
+    return max((len(objects) for values in listed for objects in values), default=0)
 
 
 def _named(parts: Iterable[RobotPart]) -> str:

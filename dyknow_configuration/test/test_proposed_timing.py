@@ -148,6 +148,19 @@ def test_a_computer_that_is_busy_for_a_moment() -> None:
     assert violations(late, proposed.constraints) != []
 
 
+@pytest.mark.parametrize(
+    ('stamps', 'expected'),
+    [([0] * 9, 'max_delay = 10 ms'), ([0] * 9 + [10, 20], 'max_delay = 10 ms, max_gap = 15 ms')],
+)
+def test_messages_with_one_stamp_have_no_gap(stamps: list[int], expected: str) -> None:
+    proposed = proposed_timing([times(stamps, [each + 1 for each in stamps], stamps[-1])])
+    assert str(proposed.constraints) == expected
+    proposed.constraints.validate()
+    one_stamp = 'All messages have one stamp: it tells no period.'
+    assert (one_stamp in proposed.remarks) == (not any(stamps))
+    assert (tolerant(proposed).constraints.max_gap is None) == (not any(stamps))
+
+
 @given(
     st.integers(5, 1000), st.lists(st.integers(-100, 100), min_size=6, max_size=30), st.integers(1)
 )

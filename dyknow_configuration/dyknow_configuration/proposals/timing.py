@@ -211,6 +211,8 @@ def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
         found['sample_period'] = period
         least = max(with_margin(worst), period // 10)
         found['sample_period_deviation'] = min(period, rounded_up(least))
+    elif longest <= 0:
+        remarks.append('All messages have one stamp: it tells no period.')
     else:
         remarks.append('The messages have no regular period.')
         found['max_gap'] = rounded_up(with_margin(longest))
