@@ -192,7 +192,8 @@ class FormulaMonitor(MonitorNode):
     """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
-        formulas: to monitor; None: from the file that the parameter `robot` or `formulas` names.
+        formulas: to monitor, the targets of whose triggers the caller checks; None: from the file
+            that the parameter `robot` or `formulas` names.
         on_change: called with every formula whose outcome has changed; None: it is logged.
         name: of the node.
         retries: True to monitor a formula again after an error, until it has a verdict; those of
@@ -216,12 +217,13 @@ class FormulaMonitor(MonitorNode):
         self._timeout = self.parameter(
             'timeout', 86_400.0, 'Seconds after which the monitoring of a formula ends.', (0.1, 1e9)
         )
+        is_of_file = formulas is None
         if formulas is None:
             formulas = read_robot(Path(robot)).formulas if robot else read_formulas(Path(path))
             retries = retries or bool(robot)
         else:
             self._hint = _OTHER_FILE
-        self._triggers = Triggers(self, formulas)
+        self._triggers = Triggers(self, formulas, logs_targets=is_of_file)
         self.formulas = [MonitoredFormula(formula) for formula in formulas]
         self._retries = retries
         self._is_cancelled = False

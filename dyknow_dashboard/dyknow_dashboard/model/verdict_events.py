@@ -110,7 +110,7 @@ class VerdictWatch:
             if before is not None and missed > 0:
                 self._counts['report', 'more episodes than it names'] += missed
         was_over = before is not None and before.phase is EvaluationPhase.ENDED
-        if was_over or not self._is_change(status):
+        if was_over or not self._note_end(status):
             return
         word, text = outcome(status), reason_of(status)
         if status.error is not None:
@@ -118,8 +118,8 @@ class VerdictWatch:
         elif status.episodes is None and status.verdict is not Verdict.UNDECIDED:
             yield event(TriggerEvent(word), word, status.decided_at, text)
 
-    def _is_change(self, status: EvaluationStatus) -> bool:
-        """Return True if an evaluation has ended, and its end may be an event."""
+    def _note_end(self, status: EvaluationStatus) -> bool:
+        """Note if a formula is broken; return True if its evaluation has ended by an event."""
         formula, has_ended = (status.name, status.text), status.phase is EvaluationPhase.ENDED
         is_error = has_ended and status.error is not None and status.error.code not in ENDS
         # The state at fault, such as one with NaN, counts too.

@@ -51,13 +51,16 @@ class Triggers:
     Args:
         node: any node.
         formulas: with their triggers.
+        logs_targets: False if the caller reports targets that are not there.
 
     Raises:
         ConfigurationError: for a type, a field or a command that does not exist, with the place in
             the file.
     """
 
-    def __init__(self, node: Node, formulas: Sequence[RequestedFormula]) -> None:
+    def __init__(
+        self, node: Node, formulas: Sequence[RequestedFormula], *, logs_targets: bool = True
+    ) -> None:
         self._node = node
         self._adapter = NodeAdapter(node)
         self._runs = TriggerRuns(formulas)
@@ -78,6 +81,7 @@ class Triggers:
             self._diagnostics = DiagnosticsPublisher(node)
             clock = self._adapter.wall_clock
             self._timer = node.create_timer(REPORT_PERIOD_S, self._publish, clock=clock)
+        if self._runs.uses and logs_targets:
             discovery = self._adapter.deadlines.after(targets.DISCOVERY_S)
             discovery.add_done_callback(lambda _: self._report_targets(triggers_of(formulas)))
 
