@@ -14,7 +14,6 @@ from dyknow_configuration import (
     ObservedTopic,
     export,
     fields_of_interest,
-    read_robot,
     robot_text,
     write_errors,
 )
@@ -82,8 +81,7 @@ def _export(options: argparse.Namespace) -> int:
     if len(options.file) != 1:
         raise DyKnowError('--export needs one robot.yaml')
     (robot,) = options.file
-    path = export(read_robot(robot), options.export, robot.stem)
-    print(f'{path} names the files beside it')  # noqa: T201 - this is a command
+    print(f'{export(robot, options.export)} names the files beside it')  # noqa: T201 - this is a command
     return SUCCESS
 
 

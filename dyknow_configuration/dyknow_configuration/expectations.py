@@ -44,17 +44,6 @@ class TopicExpectation:
     stamped: bool = False
     place: str = ''
 
-    @property
-    def document(self) -> Mapping[str, Any]:
-        """The value of the topic in a robot.yaml."""
-        rates = {'min_rate': self.min_rate, 'max_rate': self.max_rate}
-        return {
-            **({'type': self.message_type} if self.message_type else {}),
-            **{key: f'{rate:g} Hz' for key, rate in rates.items() if rate is not None},
-            **self.constraints.texts(),
-            **({'stamped': True} if self.stamped else {}),
-        }
-
 
 def read_expectations(value: YamlValue) -> tuple[TopicExpectation, ...]:
     """Return what a mapping from topics expects of them.

@@ -28,7 +28,6 @@ from dyknow_common import (
     TextPosition,
     Value,
     ValueType,
-    format_duration,
     round_duration,
     unknown,
 )
@@ -98,7 +97,7 @@ class Trigger:
     """An action with its limits.
 
     Args:
-        name: for people.
+        name: for people: in its file, or else what it does.
         kind: of the action.
         target: the topic, the service, the action, or the command that is run.
         type_name: of the message, the service or the action; empty if none is needed.
@@ -122,20 +121,10 @@ class Trigger:
     placeholders: frozenset[str] = frozenset()
     places: TriggerPlaces | None = field(default=None, compare=False, repr=False)
 
-    @property
-    def is_named(self) -> bool:
-        """True if a file names it, so several formulas may refer to it."""
-        return self.name != default_name(self.kind, self.target)
-
     def error(self, message: str, path: Path = ()) -> ConfigurationError:
         """Return an error about this trigger, or a value in it, at its place."""
         text = f"trigger '{self.name}': {message}"
         return ConfigurationError(text) if self.places is None else self.places.error(text, path)
-
-
-def default_name(kind: TriggerKind, target: str) -> str:
-    """Return the name of a trigger that has none in its file: what it does."""
-    return f'{kind} {target}'
 
 
 FormulaTriggers = tuple[tuple[TriggerEvent, Trigger], ...]
@@ -237,7 +226,7 @@ def _trigger(value: YamlValue, name: str = '') -> Trigger:
     content = _Content(value)
     target, type_name = _action(kind, stated[kind], content)
     return Trigger(
-        name or default_name(kind, target),
+        name or f'{kind} {target}',
         kind,
         target,
         type_name,
@@ -351,23 +340,6 @@ def _retries(stated: Mapping[str, YamlValue]) -> int:
     if type(found) is not int or not 0 <= found <= MAX_RETRIES:
         raise stated['retries'].expected(f'a number from 0 to {MAX_RETRIES}')
     return found
-
-
-def trigger_document(trigger: Trigger) -> dict[str, Any]:
-    """Return a trigger as a YAML document."""
-    keys = ACTION_KEYS.get(trigger.kind, ())
-    action: Any = trigger.target
-    if not keys:
-        action = [trigger.target, *trigger.content]
-    elif len(keys) > 1:
-        values = (trigger.target, trigger.type_name, trigger.content)
-        action = dict(zip(keys, values, strict=True))
-    limits: dict[str, Any] = {'timeout': format_duration(trigger.timeout)}
-    if trigger.min_interval:
-        limits['min_interval'] = format_duration(trigger.min_interval)
-    if trigger.retries:
-        limits['retries'] = trigger.retries
-    return {str(trigger.kind): action, **limits}
 
 
 def check_placeholders(value: YamlValue) -> frozenset[str]:

@@ -6,14 +6,23 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
-from dyknow_common import BlackBoxOptions, ExitCode, InlineText, format_duration
+from dyknow_common import ExitCode, InlineText
 from dyknow_configuration.errors import ConfigurationError, write_errors
-from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
-from dyknow_configuration.triggers import FormulaTriggers, trigger_document
+from dyknow_configuration.federation import FEDERATION_KEYS
+from dyknow_configuration.reading import robot_of
+from dyknow_configuration.robot import RobotConfiguration, TextSource
+from dyknow_configuration.yaml_values import YamlValue, read_yaml
+
+_KEPT: Final = frozenset(
+    {
+        'constants', 'domains', 'federation', 'formulas', 'guards', 'nodes', 'topics', 'triggers',
+    }
+)  # fmt: skip
+"""The keys that an exported file has as the robot.yaml has them."""
 
 
 def write_texts(
@@ -63,77 +72,65 @@ def _write_parts(path: Path, texts: Sequence[str]) -> Iterator[Path]:
         yield part
 
 
-def export(robot: RobotConfiguration, folder: Path, name: str) -> Path:
-    """Write the files of a configuration, and a YAML file that names them; return its path.
+def export(path: Path, folder: Path) -> Path:
+    """Write the files that a robot.yaml is made of, and a YAML file that names them.
+
+    All else of the robot.yaml stays as it is, but for its comments.
 
     Args:
-        robot: the configuration.
+        path: of the robot.yaml, whose name the files get.
         folder: the folder, which is made if it does not exist.
-        name: of the files, without their endings.
+
+    Returns:
+        The path of the YAML file.
 
     Raises:
-        ConfigurationError: if a file exists or cannot be written.
+        ConfigurationError: if a file exists or cannot be written; as `read_robot`.
     """
+    document = read_yaml(path)
+    robot = robot_of(document)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f'cannot make the folder {folder}: {error.strerror}') from None
-    written = write_texts(robot, folder, name)
-    path = folder / f'{name}.yaml'
-    _write(path, _yaml_text(_document(written, folder)))
-    return path
+    written = write_texts(robot, folder, path.stem)
+    exported = folder / f'{path.stem}.yaml'
+    _write(exported, _yaml_text(written, document, folder))
+    return exported
 
 
-def _document(robot: RobotConfiguration, folder: Path) -> dict[str, Any]:
-    """Return the content of the YAML file, with paths relative to its folder."""
+def _yaml_text(robot: RobotConfiguration, document: YamlValue, folder: Path) -> str:
+    """Return the text of the YAML file, with paths relative to its folder."""
 
-    def relative(files: Iterable[TextSource]) -> list[str]:
-        return [os.path.relpath(str(each), folder.absolute()) for each in files]
+    def relative(path: object) -> str:
+        return os.path.relpath(str(path), folder.absolute())
 
-    triggers = {each.name: each for formula in robot.formulas for _, each in formula.on}
-    parts = {
-        'ontology': relative(robot.ontologies),
-        'annotations': relative(robot.annotations),
-        'streams': relative(robot.streams),
-        'bridges': relative(robot.bridges),
-        'domains': {sort: list(objects) for sort, objects in robot.domains.items()},
-        'triggers': {
-            name: trigger_document(each) for name, each in triggers.items() if each.is_named
-        },
-        'formulas': [_formula(each) for each in robot.formulas],
-        'topics': {each.topic: dict(each.document) for each in robot.topics},
-        'nodes': {node: dict(given) for node, given in robot.parameters.items()},
+    files = {
+        'ontology': robot.ontologies,
+        'annotations': robot.annotations,
+        'streams': robot.streams,
+        'bridges': robot.bridges,
     }
-    return {key: part for key, part in parts.items() if part}
+    named = {kind: list(map(relative, paths)) for kind, paths in files.items() if paths}
+    stated = document.entries('a robot.yaml')
+    kept = {key.text(): (key.node, value) for key, value in stated if key.text() in _KEPT}
+    for node in _paths({key: value for key, (_, value) in kept.items()}):
+        node.value = relative(document.document.path.absolute().parent / node.value.strip())
+    nodes = [(key, value.node) for key, value in kept.values()]
+    others = yaml.MappingNode('tag:yaml.org,2002:map', nodes, flow_style=False)
+    options: Any = {'allow_unicode': True, 'width': 100}
+    text: str = yaml.safe_dump(named, sort_keys=False, **options) if named else ''
+    text += yaml.serialize(others, Dumper=yaml.SafeDumper, **options) if kept else ''
+    return text
 
 
-def _formula(formula: RequestedFormula) -> Mapping[str, Any]:
-    description = {'description': formula.description} if formula.description else {}
-    severity = {} if formula.severity is Severity.WARNING else {'severity': str(formula.severity)}
-    name = formula.name or formula.text
-    flags = {key: True for key in ('every_state', 'margin') if getattr(formula, key)}
-    on = {'on': _events(formula.on)} if formula.on else {}
-    record = {} if formula.record is None else {'record': _record(formula.record)}
-    stated = {**description, **severity, **flags, **on, **record}
-    return {'name': name, 'formula': formula.text, **stated}
-
-
-def _events(triggers: FormulaTriggers) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
-    for event, each in triggers:
-        written = each.name if each.is_named else trigger_document(each)
-        found.setdefault(str(event), []).append(written)
-    return found
-
-
-def _record(options: BlackBoxOptions) -> Mapping[str, Any]:
-    topics = {'topics': list(options.topics)} if options.topics else {}
-    times = {'before': options.before, 'after': options.after}
-    return {**topics, **{name: format_duration(time) for name, time in times.items()}}
-
-
-def _yaml_text(document: Mapping[str, Any]) -> str:
-    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100)
+def _paths(kept: Mapping[str, YamlValue]) -> Iterator[yaml.Node]:
+    """Yield the values that name files."""
+    formulas = kept['formulas'].one_or_more() if 'formulas' in kept else []
+    yield from (each.node for each in formulas if each.is_text)
+    if 'federation' in kept:
+        stated = kept['federation'].mapping(FEDERATION_KEYS)
+        yield from [stated['zenoh'].node] if 'zenoh' in stated else []
 
 
 def _write(path: Path, text: str) -> None:

@@ -86,7 +86,8 @@ def test_streams_and_their_meaning(tmp_path: Path) -> None:
 
 
 def test_the_files_of_a_robot_with_forecasts_are_read_again(tmp_path: Path) -> None:
-    path = export(calibrated(tmp_path), tmp_path / 'files', 'robot')
+    calibrated(tmp_path)
+    path = export(tmp_path / 'robot.yaml', tmp_path / 'files')
     assert not find_faults(path).faults
 
 

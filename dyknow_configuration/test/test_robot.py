@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -245,23 +246,23 @@ def test_the_exported_files_describe_the_same_robot(tmp_path: Path) -> None:
     text += 'nodes: {stream_manager: {memory: m.json}}\ndomains: {Zone: [south]}\n'
     (tmp_path / 'more.ssl').write_text('stream "/x" contains Wind = x;\n')
     configuration = robot(tmp_path, f'{text}annotations: more.ssl\n')
-    path = export(configuration, tmp_path / 'new' / 'files', 'fleet')
+    path = export(tmp_path / 'robot.yaml', tmp_path / 'new' / 'files')
     exported = read_robot(path)
     for kind in ('formulas', 'parameters', 'domains'):
         assert getattr(exported, kind) == getattr(configuration, kind)
     assert [each.name for each in exported.annotations if isinstance(each, Path)] == [
         'more.ssl',
-        'fleet.ssl',
+        'robot.ssl',
     ]
     written = '\n'.join(each.read_text() for each in exported.annotations if isinstance(each, Path))
     assert [str(each) for each in parse_annotations(written)][1:] == [
         str(each) for text in annotations(configuration) for each in parse_annotations(text)
     ]
     with Ontology() as ontology, loaded(configuration) as inline:
-        ontology.load(tmp_path / 'new' / 'files' / 'fleet.owl')
+        ontology.load(tmp_path / 'new' / 'files' / 'robot.owl')
         assert ontology.knowledge.features == inline.knowledge.features
-    with pytest.raises(ConfigurationError, match=r'fleet\.owl exists; remove it'):
-        export(configuration, tmp_path / 'new' / 'files', 'fleet')
+    with pytest.raises(ConfigurationError, match=r'robot\.owl exists; remove it'):
+        export(tmp_path / 'robot.yaml', tmp_path / 'new' / 'files')
 
 
 def test_written_texts_are_named_by_absolute_paths(
@@ -464,15 +465,33 @@ def test_guards(tmp_path: Path) -> None:
     assert light.safe == {'data': {'x': [1, 2]}}
 
 
-def test_exported_expectations(tmp_path: Path) -> None:
-    text = 'topics: {/a: {type: a/msg/B, min_rate: 9.5 Hz, max_gap: 1500 ms, stamped: true}, /b: }'
+def test_all_that_is_no_ontology_annotation_or_stream_is_exported(tmp_path: Path) -> None:
+    (tmp_path / 'more.yaml').write_text(
+        '- {name: more, formula: a.b < 1, on: {true: {run: [a]}}}\n'
+    )
+    (tmp_path / 'zenoh.json5').write_text('{}')
     path = tmp_path / 'robot.yaml'
-    path.write_text(text)
-    robot = read_robot(path)
-    exported = read_robot(export(robot, tmp_path / 'files', 'robot'))
-    assert [each.topic for each in exported.topics] == ['/a', '/b']
-    assert [each.document for each in exported.topics] == [each.document for each in robot.topics]
-    assert robot.topics[0].constraints.max_gap == 1_500_000_000
+    path.write_text(
+        'constants: {limit: 1.5 m/s}\n'
+        'features: {Speed: {unit: m/s, from: {topic: /odom, field: x}}}\n'
+        'formulas: [{name: slow, formula: Speed < limit, record: true}, more.yaml]\n'
+        'guards: [{name: g, input: /a, output: b, formulas: [slow, \'"/a".x < 1\'], latch: true}]\n'
+        'federation: {name: a, share: Speed, zenoh: zenoh.json5}\n'
+        'topics: {/a: {type: a/msg/B, min_rate: 9.5 Hz, max_gap: 1500 ms, stamped: true}, /b: }\n'
+    )
+    given, found = read_robot(path), read_robot(export(path, tmp_path / 'new' / 'files'))
+    assert found.formulas == given.formulas
+    assert found.formulas[0].closed_text == 'let limit = 1.5 "m/s" in Speed < limit'
+    guards, topics = (
+        [replace(each, place='') for each in kind] for kind in (found.guards, found.topics)
+    )
+    assert guards == [replace(each, place='') for each in given.guards]
+    assert topics == [replace(each, place='') for each in given.topics]
+    assert found.federation is not None
+    assert given.federation is not None
+    assert found.federation.zenoh is not None
+    assert found.federation.zenoh.samefile(tmp_path / 'zenoh.json5')
+    assert replace(found.federation, zenoh=given.federation.zenoh) == given.federation
 
 
 def test_the_parameters_of_nodes_are_those_of_the_reference() -> None:

@@ -109,7 +109,7 @@ def test_a_fault_is_shown_at_the_value(tmp_path: Path) -> None:
 
 def test_the_exported_triggers_are_the_same(tmp_path: Path) -> None:
     configuration = robot(tmp_path, TEXT)
-    exported = read_robot(export(configuration, tmp_path / 'files', 'robot'))
+    exported = read_robot(export(tmp_path / 'robot.yaml', tmp_path / 'files'))
     assert exported.formulas == configuration.formulas
 
 
