@@ -8,7 +8,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -228,6 +228,22 @@ SPARES = ('spare1', 'spare2', 'uav3')
 """Batteries that come into use while formulas are evaluated."""
 
 
+class KillingLauncher(Launcher):
+    """A launcher that also ends single processes, by the names of their nodes."""
+
+    def kill(self, name: str) -> None:
+        running = self._running.pop(name)
+        os.killpg(running.pid, signal.SIGKILL)
+        running.wait()
+
+    def stop(self, name: str) -> int:
+        """Stop a process, and return its exit code."""
+        running = self._running.pop(name)
+        with suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGTERM)
+        return running.wait(LIMIT)
+
+
 class System:
     """All seven nodes of DyKnow, configured for a fleet, and a client.
 
@@ -258,7 +274,7 @@ class System:
         self._parameters = parameters or {}
         self.vehicles = vehicle_names(vehicles)
         self.configuration = fleet_configuration(self.vehicles)
-        self.launcher = Launcher(
+        self.launcher = KillingLauncher(
             folder,
             environment={**self.environment, **(short_lease_of(folder) if short_lease else {})},
             use_sim_time=use_sim_time,

@@ -10,14 +10,16 @@ from dyknow_command.observing import add_duration_option, observe
 from dyknow_common import DyKnowError, ExitCode, replace_text, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
-    ConfigurationError,
     ObservedTopic,
     export,
     fields_of_interest,
     robot_text,
     write_errors,
+    write_new,
 )
 from dyknow_recordings import add_reading_options, message_types, observe_recording
+
+_MEND = 'choose another name by --output, or replace it by --force'
 
 
 def init(options: argparse.Namespace) -> int:
@@ -26,7 +28,7 @@ def init(options: argparse.Namespace) -> int:
         return _export(options)
     if options.output.exists() and not options.force:
         # It is said before the topics are observed, which takes some time.
-        raise _exists(options.output)
+        raise DyKnowError(f'{options.output} exists; {_MEND}', ExitCode.ALREADY_EXISTS)
     topics, origin = _observed(options)
     if not topics:
         raise DyKnowError(
@@ -35,8 +37,13 @@ def init(options: argparse.Namespace) -> int:
             ExitCode.UNAVAILABLE,
         )
     names = ' '.join(map(str, options.file))
-    _write(options.output, robot_text(topics, origin, options.output, names), force=options.force)
     name = options.output
+    text = robot_text(topics, origin, name, names)
+    if options.force:
+        with write_errors(name):
+            replace_text(name, text)
+    else:
+        write_new(name, text, _MEND)
     count = f'{len(topics)} topic{"s" * (len(topics) != 1)}'
     print(f'{name}: proposed from {count}; next: dyknow lint {name}')  # noqa: T201
     return SUCCESS
@@ -96,20 +103,3 @@ def _observed(options: argparse.Namespace) -> tuple[tuple[ObservedTopic, ...], s
         each for path in options.file for each in observe_recording(path, types, fields_of_interest)
     )
     return tuple(found), ', '.join(map(str, options.file))
-
-
-def _write(path: Path, text: str, *, force: bool) -> None:
-    with write_errors(path):
-        if force:
-            replace_text(path, text)
-            return
-        try:
-            with path.open('x', encoding='utf-8') as file:
-                file.write(text)
-        except FileExistsError:
-            raise _exists(path) from None
-
-
-def _exists(path: Path) -> ConfigurationError:
-    text = f'{path} exists; choose another name by --output, or replace it by --force'
-    return ConfigurationError(text, ExitCode.ALREADY_EXISTS)

@@ -64,7 +64,7 @@ from dyknow_configuration.triggers import (
     filled,
     single_placeholder,
 )
-from dyknow_configuration.writing import export, write_texts
+from dyknow_configuration.writing import export, write_new, write_texts
 from dyknow_configuration.yaml_values import YamlValue, add_quotes, read_yaml
 
 __all__ = [
@@ -130,5 +130,6 @@ __all__ = [
     'timing_of',
     'warn_of_notes',
     'write_errors',
+    'write_new',
     'write_texts',
 ]

@@ -17,6 +17,8 @@ from dyknow_configuration.reading import robot_of
 from dyknow_configuration.robot import RobotConfiguration, TextSource
 from dyknow_configuration.yaml_values import YamlValue, read_yaml
 
+_MEND: Final = 'remove it, or choose another folder'
+
 _KEPT: Final = frozenset(
     {
         'constants', 'domains', 'federation', 'formulas', 'guards', 'nodes', 'topics', 'triggers',
@@ -68,7 +70,7 @@ def _write_parts(path: Path, texts: Sequence[str]) -> Iterator[Path]:
     parts = [[each] for each in texts] if path.suffix == '.streams' else [texts] if texts else []
     for number, each in enumerate(parts, start=1):
         part = path if number == 1 else path.with_stem(f'{path.stem}_{number}')
-        _write(part, '\n'.join([*each, '']))
+        write_new(part, '\n'.join([*each, '']), _MEND)
         yield part
 
 
@@ -95,7 +97,7 @@ def export(path: Path, folder: Path) -> Path:
         raise ConfigurationError(f'cannot make the folder {folder}: {error.strerror}') from None
     written = write_texts(robot, folder, path.stem)
     exported = folder / f'{path.stem}.yaml'
-    _write(exported, _yaml_text(written, document, folder))
+    write_new(exported, _yaml_text(written, document, folder), _MEND)
     return exported
 
 
@@ -133,12 +135,15 @@ def _paths(kept: Mapping[str, YamlValue]) -> Iterator[yaml.Node]:
         yield from [stated['zenoh'].node] if 'zenoh' in stated else []
 
 
-def _write(path: Path, text: str) -> None:
+def write_new(path: Path, text: str, mend: str) -> None:
+    """Write a file that does not exist.
+
+    Raises:
+        ConfigurationError: if it cannot be written; ALREADY_EXISTS with a mend if it exists.
+    """
     with write_errors(path):
         try:
             with path.open('x', encoding='utf-8') as file:
                 file.write(text)
         except FileExistsError:
-            raise ConfigurationError(
-                f'{path} exists; remove it, or choose another folder', ExitCode.ALREADY_EXISTS
-            ) from None
+            raise ConfigurationError(f'{path} exists; {mend}', ExitCode.ALREADY_EXISTS) from None

@@ -205,9 +205,9 @@ def _parsers() -> Mapping[str, Callable[[str], object]]:
 
 def _entries(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
     """Yield the names that a robot.yaml declares, each with its section."""
-    for section, value in document.entries('a robot.yaml'):
-        if section.text() in _SECTIONS and value.is_mapping:
-            yield from ((section.text(), key) for key, _ in value.entries('a mapping'))
+    for section, value in _keys_of(document):
+        if section in _SECTIONS and value.is_mapping:
+            yield from ((section, key) for key, _ in value.entries('a mapping'))
 
 
 def _shared(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
@@ -231,13 +231,11 @@ def _placed(formulas: Iterable[RequestedFormula], document: YamlValue) -> Iterat
 
 def _placed_of_guards(robot: RobotConfiguration, document: YamlValue) -> Iterator[PlacedFormula]:
     """Yield the formulas that guards state themselves, with their places."""
-    lists = [value for key, value in document.entries('') if key.text() == 'guards']
+    guards = dict(_keys_of(document)).get('guards')
     stated = {
         each.line(): each
-        for guard in (element for value in lists for element in value.items())
-        for key, value in guard.entries('')
-        if key.text() == 'formulas'
-        for each in value.one_or_more()
+        for guard in (guards.items() if guards else ())
+        for each in dict(_keys_of(guard))['formulas'].one_or_more()
     }
     for formula in (each for guard in robot.guards for each in guard.formulas):
         if formula not in robot.formulas:
@@ -250,12 +248,10 @@ def _place_in(value: YamlValue) -> Callable[[int], FilePlace]:
 
 
 def _formula_values(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
-    lists = [document]
-    if document.is_mapping:
-        lists = [value for key, value in document.entries('') if key.text() == 'formulas']
-    for each in (element for value in lists for element in value.one_or_more()):
+    formulas = dict(_keys_of(document)).get('formulas') if document.is_mapping else document
+    for each in formulas.one_or_more() if formulas else ():
         if each.is_mapping:
-            stated = {key.word(): value for key, value in each.entries('')}
+            stated = dict(_keys_of(each))
             if 'name' in stated and 'formula' in stated:
                 yield stated['name'].line(), stated['formula']
 

@@ -6,7 +6,7 @@ ros2 run dyknow_reactions black_box_recorder --ros-args -p folder:=/data/black_b
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -232,9 +232,11 @@ class BlackBoxRecorder(DyKnowNode):
 
     def _start_writing(self, box: OpenBox) -> None:
         if self._snapshot is not None:
-            self.spawn(self._take_snapshot, box, self._snapshot)
-        else:
-            self.spawn(self._write, box, self._origins.search(box.key), *self._selected(box))
+            self.spawn(self._finish, box, self._snapshot.take)
+            return
+        write, *counts = self._selected(box)
+        search = self._origins.search(box.key)
+        self.spawn(self._finish, box, lambda: self._writing.write(box, search, write), *counts)
 
     def _selected(self, box: OpenBox) -> tuple[Any, int, int]:
         """Return a function that writes a box, and the numbers of its messages and of the drops."""
@@ -265,26 +267,23 @@ class BlackBoxRecorder(DyKnowNode):
             )
         return write, len(messages), sum(dropped.values())
 
-    async def _write(
-        self, box: OpenBox, search: Future, write: Any, messages: int, dropped: int
+    async def _finish(
+        self,
+        box: OpenBox,
+        write: Callable[[], Awaitable[Path | None]],
+        messages: int = 0,
+        dropped: int = 0,
     ) -> None:
+        """Have a box written, and report it; a snapshot has no path."""
         try:
-            path = await self._writing.write(box, search, write)
+            path = await write()
         except DyKnowError as error:
             self._end(box, error=error, dropped=dropped)
         except Exception as error:  # noqa: BLE001 - a request must get an answer
             self.log_fault('the writing of a black box', error)
             self._end(box, error=DyKnowError(f'fault in DyKnow: {error!r}'), dropped=dropped)
         else:
-            self._end(box, path=str(path), messages=messages, dropped=dropped)
-
-    async def _take_snapshot(self, box: OpenBox, snapshot: SnapshotService) -> None:
-        try:
-            await snapshot.take()
-        except DyKnowError as error:
-            self._end(box, error=error)
-        else:
-            self._end(box)
+            self._end(box, path=str(path or ''), messages=messages, dropped=dropped)
 
     def _end(
         self,
