@@ -170,7 +170,7 @@ class BlackBoxContent:
         if not reason:
             return ''
         begin = found.episodes[0].begin if found.episodes else None
-        if self.is_complete and (self.every_state or begin in {None, self.begin}):
+        if self.is_complete and begin in {None, self.begin}:
             return ''
         return (
             'the black box begins after the first state of the formula, whose verdict '

@@ -15,6 +15,7 @@ from dyknow_common import SECOND_NS
 from dyknow_recordings import BLACK_BOX, BlackBoxContent, RecordingError, read_black_box
 
 S = SECOND_NS
+BOOL = 'std_msgs/msg/Bool'
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 STATES = 'stream a = select data as P from "/p";\nsink sync(a)'
 
@@ -29,9 +30,9 @@ def write(folder: Path, content: BlackBoxContent | str, values: list[bool]) -> P
         for key, text in content.custom_data.items():
             writer.set_custom_data(key, text)
     with writer:
-        connection = writer.add_connection('/p', 'std_msgs/msg/Bool', typestore=TYPES)
+        connection = writer.add_connection('/p', BOOL, typestore=TYPES)
         for second, value in enumerate(values, start=10):
-            message = TYPES.types['std_msgs/msg/Bool'](data=value)
+            message = TYPES.types[BOOL](data=value)
             data = TYPES.serialize_cdr(message, message.__msgtype__)
             writer.write(connection, second * S, data)
     return path
@@ -96,6 +97,46 @@ def test_states_keep_their_period(tmp_path: Path) -> None:
     box = content('always P', constraints=constraints)
     found = checked(write(tmp_path, box, VALUES))
     assert found['episodes'][0]['decided_at_ns'] == 13_500_000_000
+
+
+@pytest.mark.parametrize(
+    ('formula', 'begin', 'more', 'verdict'),
+    [
+        ('eventually[0 s, 2 s] not (A and P)', 10.5, {}, ('true', 12.0)),
+        ('eventually[0 s, 1 s] not (A and P)', 10.5, {}, ('false', 11.5)),
+        ('always once[0 s, 1 s] (A and P)', 10.5, {'every_state': True}, ('false', 13.0)),
+        # In the bag are messages from before the formula: of a time without /p, and a late one.
+        ('always[0 s, 4 s] (A and P)', 20.5, {'is_late': True}, ('true', 24.5)),
+        ('always[0 s, 4 s] (A and P)', 20.5, {'is_late': True, 'rate': 1500}, ('true', 24.5)),
+    ],
+)
+def test_the_first_state_is_made_of_messages_from_before_it(
+    tmp_path: Path, formula: str, begin: float, more: dict[str, Any], verdict: tuple[str, float]
+) -> None:
+    gap = f' with max_gap = {rate} ms' if (rate := more.pop('rate', None)) else ''
+    texts = (f'stream {name} = select data as {name.upper()} from "/{name}"' for name in 'ap')
+    states = f'{";".join(texts)}{gap};sink sync(a, p)'
+    is_late = more.pop('is_late', False)
+    box = BlackBoxContent(
+        'f', formula, states=states, begin=round(begin * S), is_complete=True, **more
+    )
+    path = tmp_path / 'box'
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    for key, text in box.custom_data.items():
+        writer.set_custom_data(key, text)
+    with writer:
+        topics = [writer.add_connection(name, BOOL, typestore=TYPES) for name in ('/a', '/p')]
+        for second in range(10, 30):
+            for number, connection in enumerate(topics):
+                if number and is_late and 10 < second < 20:
+                    continue
+                data = TYPES.serialize_cdr(TYPES.types[BOOL](data=second != 12), BOOL)
+                writer.write(connection, second * S + number * S // 2, data)
+    found = checked(path)
+    assert not found['error'], found
+    episode = found['episodes'][0]
+    assert episode['begin_ns'] == begin * S
+    assert (episode['verdict'], episode['decided_at_ns']) == (verdict[0], verdict[1] * S)
 
 
 def test_options_take_the_place_of_the_content(tmp_path: Path) -> None:

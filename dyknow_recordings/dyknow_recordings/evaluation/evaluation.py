@@ -28,6 +28,7 @@ from dyknow_coordinator import with_caveat
 from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import (
+    FIRST_BEGIN,
     FROM_FIRST_STATE,
     EpisodeGroup,
     EpisodeStart,
@@ -159,7 +160,9 @@ class RecordingEvaluation:
         self._open_losses: list[LostMessages] = []
         # The log time up to which all messages have been progressed.
         self._reached = BEGINNING
-        self._next_look = max(recording.start_time, start.begin)
+        # The first state of a black box may be made of messages from before it.
+        is_box = bool(files.states)
+        self._next_look = max(recording.start_time, FIRST_BEGIN if is_box else start.begin)
 
     def run(self) -> RecordingReport:
         """Read the recording and return the results."""

@@ -66,6 +66,8 @@ class StateGroup:
         """From when to when its formulas have had no states, and why; empty if to the end."""
         self._name, self._inputs, self._streams = name, inputs, streams
         self._begin, self._on_fault = begin, on_fault
+        # A black box also has messages from before its formula was asked.
+        self._asked_since = begin
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
         self._session = SourceSession(inputs, lambda: streams.known, can_wait=False)
         self._session.silence_limit = silence_limit
@@ -199,7 +201,7 @@ class StateGroup:
         self._session.look(
             stream.name,
             self._streams.received(stream.name),
-            self._used_since,
+            max(self._used_since, self._asked_since),
             now,
             known_until=now,
         )
@@ -330,7 +332,7 @@ class StateGroup:
         return is_asked_for and self._line.receive(valid_time)
 
     def _on_violation(self, stream: RecordedStates, violation: Violation) -> None:
-        if self.has_ended:
+        if self.has_ended or violation.available_time < self._asked_since:
             return
         self._standby.note_violation(stream, violation)
         if stream is not self._line.stream:
