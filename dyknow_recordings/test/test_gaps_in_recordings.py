@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from recorded import TYPE, RecordedSample, at, carried, recording
@@ -15,6 +16,7 @@ from dyknow_common import Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import FormulaGroup, FormulaResult
 from dyknow_recordings.evaluation import evaluation
+from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.results import FormulaReport
 
 MS = 1_000_000
@@ -96,3 +98,19 @@ def test_a_stand_in(first: list[int], second: list[int], begin: int, formula: st
             expected.decided_at,
             expected.explanation,
         )
+
+
+@pytest.mark.parametrize(('begin', 'begins'), [(-150, [1020, 1870]), (250, [2270])])
+def test_a_trigger_that_may_have_begun_to_hold_in_a_gap(begin: int, begins: Sequence[int]) -> None:
+    """It begins an episode at the first state after it only if no state is missing."""
+    main = series('/main', [2] * 11, 0, 100)
+    spare = series('/spare', [2, 5, 5, 5, 0, 2, 5, 5], 1000 + begin, 170)[begin > 0 :]
+    messages = sorted([*main, *spare], key=lambda each: each.log_time)
+    with carried({'Power': MATCHES}):
+        report = evaluation.evaluate_recording(
+            recording([*messages, RecordedSample(at(9), '/end', TYPE, None, {'p': 0})]),
+            [RequestedFormula('Power < 9')],
+            start=EpisodeStart(every=Every.TRIGGER, trigger='Power > 3'),
+        )
+    found = [((each.begin or 0) - at(0)) // MS for each in report.formulas[0].episodes]
+    assert found == begins

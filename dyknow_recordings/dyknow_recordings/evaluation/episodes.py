@@ -413,9 +413,10 @@ class _Trigger:
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._group.gap()
+        self.lose()
 
     def lose(self) -> None:
-        """Record that it may have begun to hold at a state that is lost."""
+        """Record that it may have begun to hold at a state that is missing."""
         self._held = True
 
     def rises(self, valid_time: int, values: Mapping[str, Value]) -> bool | DyKnowError:
