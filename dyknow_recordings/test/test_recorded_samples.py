@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from running_checks import run_check
@@ -39,8 +40,22 @@ def either(*values: float) -> Row:
     return [('alternatives', 'value', str(Alternatives.of(values, 'the clocks differ')))]
 
 
-def write(path: Path, rows: Iterable[Row], content: BlackBoxContent | None = None) -> Path:
-    """Write a bag with a sample each second from 10 s on, which come 0.5 s late."""
+def write(
+    path: Path,
+    rows: Iterable[Row],
+    content: BlackBoxContent | None = None,
+    delay: int = S // 2,
+    made: int | None = None,
+) -> Path:
+    """Write a bag with a sample each second from 10 s on, which come late.
+
+    Args:
+        path: of the bag.
+        rows: the fields of each sample.
+        content: of a black box.
+        delay: from the valid times to those of receipt, nanoseconds.
+        made: from the valid times to those of an engine that made them; None without one.
+    """
     types: Any = TYPES.types
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     for key, text in content.custom_data.items() if content else ():
@@ -51,9 +66,10 @@ def write(path: Path, rows: Iterable[Row], content: BlackBoxContent | None = Non
             time = types['builtin_interfaces/msg/Time'](second, 0)
             header = types['std_msgs/msg/Header'](time, '')
             fields = [types[FIELD](*each) for each in row]
-            made = types[SAMPLE_TYPE](header, time, time, fields, [], 1, second, time)
-            data = TYPES.serialize_cdr(made, SAMPLE_TYPE)
-            writer.write(connection, second * S + S // 2, data)
+            available = types['builtin_interfaces/msg/Time'](second + (made or 0) // S, 0)
+            watermark = [] if made is None else [time]
+            sample = types[SAMPLE_TYPE](header, time, available, fields, watermark, 1, second, time)
+            writer.write(connection, second * S + delay, TYPES.serialize_cdr(sample, SAMPLE_TYPE))
     return path
 
 
@@ -99,3 +115,14 @@ def test_a_black_box_about_another_host_is_checked(tmp_path: Path) -> None:
     assert found['outcome'] == 'false', found
     told = [(each['begin_ns'] // S, each['verdict']) for each in found['episodes']]
     assert told == [(10, 'true'), (11, 'undecided'), (12, 'false'), (13, 'true'), (14, 'true')]
+
+
+@pytest.mark.parametrize(
+    ('made', 'outcome'), [(None, 'error'), (9 * S, 'false'), (4 * S, 'false'), (11 * S, 'error')]
+)
+def test_samples_of_an_engine_may_come_late(tmp_path: Path, made: int | None, outcome: str) -> None:
+    """An engine vouches for the times of its samples, unless its clock is ahead of this one."""
+    content = BlackBoxContent('x', 'always X[r1] > 2', states=STATES)
+    path = write(tmp_path / 'box', [number(3.0), number(3.0), number(1.0)], content, 9 * S, made)
+    (found,) = run_check(path, '--json').formulas
+    assert found['outcome'] == outcome, found

@@ -9,12 +9,14 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from math import nan
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import (
     NO_CONSTRAINTS,
+    SECOND_NS,
     Alternatives,
     DyKnowError,
     ExitCode,
@@ -68,6 +70,9 @@ from dyknow_stream_processing import (
     total_demand,
     unknown_stream,
 )
+
+_ENGINE_FIELDS: Final = ('available_time.sec', 'available_time.nanosec', 'watermark[0].sec')
+"""The time at which a sample was made, and what only an engine sets."""
 
 
 class RecordedStreams:
@@ -186,13 +191,16 @@ class RecordedStreams:
         for topic, fields in chain.from_iterable(each.items() for each in read):
             demand[self.absolute(topic)] |= fields
         return {
-            topic: self._recorded_fields(content.fields, demand[topic])
+            topic: self._recorded_fields(content, demand[topic])
             for topic, content in self._topics.items()
             if topic in demand and content.fields is not None
         }
 
     @staticmethod
-    def _recorded_fields(fields: Collection[str], demand: Collection[str]) -> frozenset[str]:
+    def _recorded_fields(content: TopicContent, demand: Collection[str]) -> frozenset[str]:
+        if content.message_type == SAMPLE_TYPE:
+            demand = {*demand, *_ENGINE_FIELDS}
+        fields = content.fields or {}
         found = {each for each in demand if listed_as(fields, each)}
         if WHOLE in demand:
             found.add(WHOLE)
@@ -290,7 +298,15 @@ class RecordedStreams:
             if fault:
                 self._reject(name, valid_time, now, fault)
             else:
-                self.dataflow.push(name, sample)
+                self.dataflow.push(name, sample, is_checked=self._is_checked(recorded))
+
+    def _is_checked(self, recorded: RecordedFields) -> bool:
+        """Return True if an engine has made a sample, by a clock that is not ahead, as live."""
+        values = recorded.values
+        if recorded.message_type != SAMPLE_TYPE or not values.keys() >= {*_ENGINE_FIELDS}:
+            return False
+        made_at = values[_ENGINE_FIELDS[0]] * SECOND_NS + values[_ENGINE_FIELDS[1]]
+        return bool(0 < made_at <= recorded.log_time + self.dataflow.max_lead)
 
     def _repeat_kept(self, now: int) -> None:
         """Give streams that were made since the last message what publishers keep for them."""
