@@ -138,7 +138,8 @@ class BlackBoxContent:
     def start(self) -> EpisodeStart:
         """From when the formula is evaluated."""
         every = Every.STATE if self.every_state else Every.FIRST
-        return EpisodeStart(FIRST_BEGIN if self.begin is None else self.begin, every)
+        first_state = FIRST_BEGIN if self.begin is None else self.begin
+        return EpisodeStart(every=every, first_state=first_state)
 
     def judged(self, report: RecordingReport) -> RecordingReport:
         """Return the results of a check without a verdict that states before the bag may change.

@@ -569,6 +569,16 @@ def test_the_begin() -> None:
     assert late.error.message == 'the recording has no state: it ends too early'
 
 
+@pytest.mark.parametrize('batch', [1, 1000])
+@pytest.mark.parametrize('delay', [0.0, 90_000.0])
+def test_the_begin_with_stamps_of_another_clock(delay: float, batch: int) -> None:
+    messages = [sample('/a', time - delay, delay=delay, p=1) for time in steps(0, 9)]
+    source = recording(messages, batch)
+    report = check(source, 'eventually "/a".p > 5', start=EpisodeStart(begin=at(6)))
+    assert report.episodes[0].begin == at(6 - delay), report
+    assert report.states == len(steps(6, 9))
+
+
 def test_a_broken_stream_is_named_where_it_is_used(files: MonitoringFiles) -> None:
     files.streams[0].write_text('stream main = select q as power from "/main"; sink main')
     source = recording(series('/main', steps(0, 1)))

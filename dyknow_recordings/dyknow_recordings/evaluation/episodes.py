@@ -59,14 +59,18 @@ class EpisodeStart:
     """From when formulas are evaluated.
 
     Args:
-        begin: states that are valid earlier do not count, in nanoseconds since the epoch.
+        begin: the log time at which the formulas are asked, in nanoseconds since the epoch; states
+            that are valid earlier do not count, unless their stamps are of another clock.
         every: which of the others begin an episode.
         trigger: the formula, if `every` is TRIGGER.
+        first_state: the valid time of the first state of formulas that were asked before it, in
+            nanoseconds; what happens before does not count.
     """
 
     begin: int = FIRST_BEGIN
     every: Every = Every.FIRST
     trigger: str = ''
+    first_state: int = FIRST_BEGIN
 
 
 FROM_FIRST_STATE: Final = EpisodeStart()

@@ -28,7 +28,6 @@ from dyknow_coordinator import with_caveat
 from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import (
-    FIRST_BEGIN,
     FROM_FIRST_STATE,
     EpisodeGroup,
     EpisodeStart,
@@ -160,9 +159,7 @@ class RecordingEvaluation:
         self._open_losses: list[LostMessages] = []
         # The log time up to which all messages have been progressed.
         self._reached = BEGINNING
-        # The first state of a black box may be made of messages from before it.
-        is_box = bool(files.states)
-        self._next_look = max(recording.start_time, FIRST_BEGIN if is_box else start.begin)
+        self._next_look = max(recording.start_time, start.begin)
 
     def run(self) -> RecordingReport:
         """Read the recording and return the results."""
@@ -315,7 +312,7 @@ class RecordingEvaluation:
             members[0][1].inputs,
             episodes,
             self._streams,
-            self._start.begin,
+            self._start,
             lambda: self._pending.append(group),
             self._silence_limit,
         )

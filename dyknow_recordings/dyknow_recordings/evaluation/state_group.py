@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final
-
-import numpy as np
+from typing import Any, Final
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time, without_generated_text
 from dyknow_coordinator import (
@@ -26,11 +24,11 @@ from dyknow_coordinator import (
     state_specification,
 )
 from dyknow_reasoning import Breach, StateLine
-from dyknow_recordings.evaluation.episodes import EpisodeGroup
+from dyknow_recordings.evaluation.episodes import EpisodeGroup, EpisodeStart
 from dyknow_recordings.evaluation.standby import GroupStream, RecordedStandby, RecordedStates
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.recording import END, LostMessages
-from dyknow_stream_processing import Sample, SampleBatch, Violation
+from dyknow_stream_processing import OTHER_CLOCK_NS, Sample, SampleBatch, Violation
 
 WAITING_LIMIT_NS: Final = 3 * SECOND_NS
 """The time without states after which a formula is waiting for them."""
@@ -44,7 +42,7 @@ class StateGroup:
         inputs: of all its formulas.
         episodes: of these formulas.
         streams: of the recording.
-        begin: states that are valid earlier do not count, in nanoseconds.
+        start: from when its formulas are evaluated.
         on_fault: called when `react` has something to do.
         silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """
@@ -55,7 +53,7 @@ class StateGroup:
         inputs: FormulaInputs,
         episodes: EpisodeGroup,
         streams: RecordedStreams,
-        begin: int,
+        start: EpisodeStart,
         on_fault: Callable[[], None],
         silence_limit: int,
     ) -> None:
@@ -65,9 +63,9 @@ class StateGroup:
         self.lack = ''
         """From when to when its formulas have had no states, and why; empty if to the end."""
         self._name, self._inputs, self._streams = name, inputs, streams
-        self._begin, self._on_fault = begin, on_fault
-        # A black box also has messages from before its formula was asked.
-        self._asked_since = begin
+        self._start, self._on_fault = start, on_fault
+        # States that are valid earlier do not count.
+        self._begin = max(start.begin, start.first_state)
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
         self._session = SourceSession(inputs, lambda: streams.known, can_wait=False)
         self._session.silence_limit = silence_limit
@@ -126,15 +124,12 @@ class StateGroup:
         return stream, *self._standby.group_streams
 
     def _receive_many(self, states: SampleBatch) -> None:
-        if not len(states):
-            return
-        valid_times = states.valid_times
-        first = int(np.searchsorted(valid_times, self._begin))
-        if first < len(valid_times):
-            self._line.latest = int(valid_times[-1])
+        receipts = states.emission_times()
+        states = states.rows(self._is_asked_for(states.valid_times, receipts))
+        if len(states):
+            self._line.latest = int(states.valid_times[-1])
             self._latest_receipt = int(states.emission_times()[-1])
-            rest = {name: column[first:] for name, column in states.columns.items()}
-            self.episodes.progress_many(valid_times[first:], rest)
+            self.episodes.progress_many(states.valid_times, states.columns)
             if self._is_idle:
                 self._on_fault()
 
@@ -201,7 +196,7 @@ class StateGroup:
         self._session.look(
             stream.name,
             self._streams.received(stream.name),
-            max(self._used_since, self._asked_since),
+            max(self._used_since, self._start.first_state),
             now,
             known_until=now,
         )
@@ -321,18 +316,24 @@ class StateGroup:
     def _receive(self, stream: RecordedStates, state: Sample) -> None:
         if stream is not self._line.stream:
             self._standby.receive(state)
-        elif self._counts(state.valid_time):
+        elif self._counts(state):
             self._latest_receipt = state.available_time
             self.episodes.progress(state.valid_time, state.fields)
         if self._is_idle or self._standby.is_due(state.available_time):
             self._on_fault()
 
-    def _counts(self, valid_time: int) -> bool:
-        is_asked_for = valid_time >= self._begin and not self.has_ended
-        return is_asked_for and self._line.receive(valid_time)
+    def _counts(self, state: Sample) -> bool:
+        is_asked_for = self._is_asked_for(state.valid_time, state.available_time)
+        return is_asked_for and not self.has_ended and self._line.receive(state.valid_time)
+
+    def _is_asked_for(self, valid_time: Any, received_at: Any) -> Any:
+        """Return True for a state that is not from before the begin; the times may be vectors."""
+        is_other_clock = received_at - valid_time > OTHER_CLOCK_NS
+        may_be_earlier = self._begin == self._start.begin
+        return (valid_time >= self._begin) | (is_other_clock & may_be_earlier)
 
     def _on_violation(self, stream: RecordedStates, violation: Violation) -> None:
-        if self.has_ended or violation.available_time < self._asked_since:
+        if self.has_ended or violation.available_time < self._start.first_state:
             return
         self._standby.note_violation(stream, violation)
         if stream is not self._line.stream:
