@@ -309,6 +309,20 @@ def test_stand_ins_of_several_features(
         compare(with_faults(drawn, data), batch, formulas, start)
 
 
+@pytest.mark.parametrize(
+    'formulas', [['always Power < 4'], ['always Power < 4', 'always "/c".v < 9']]
+)
+def test_a_topic_begins_that_another_stream_is_made_of(formulas: list[str]) -> None:
+    """The standby waits for /c, or another formula does: it is better than the /d in use."""
+    times = {'d': [1.789, 2.191, 2.748, 2.749, 3.184], 'a': [2.149, 2.77, 3.611], 'c': [3.177]}
+    messages = [sample(f'/{name}', each, v=1.0) for name in times for each in times[name]]
+    messages = [each if each.topic == '/a' else each._replace(stamp=None) for each in messages]
+    with carried(THREE_STREAMS):
+        compare(messages, 5, formulas, publishers=1)
+        report = evaluate_recording(recording(messages, 5, 1), [RequestedFormula(formulas[0])])
+    assert report.formulas[0].events[-1].startswith('other streams are better now')
+
+
 @pytest.mark.parametrize('start', STARTS[:3])
 def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart) -> None:
     """The other group has an operator of /d, with a sample from before the stand-in was made."""

@@ -445,9 +445,10 @@ class ColumnStates:
 
     def _begins_others(self, streams: Sequence[GroupStream], parts: _TopicParts) -> bool:
         """Return True if sources begin that may be better than those in use."""
-        topics = {topic for each in streams for topic in self._streams.topics(each.name)}
-        have_begun = all(map(self._streams.received_at, parts.keys() - topics))
-        return not have_begun and any(each.is_replaceable for each in streams)
+        begun = {topic for topic in parts if not self._streams.received_at(topic)}
+        return any(
+            each.is_replaceable and begun - self._streams.topics(each.name) for each in streams
+        )
 
     def _may_change(self, state: GroupStream, parts: _TopicParts, end: int) -> bool:
         """Return True if a group may be given another stream, or fail, until a time."""
