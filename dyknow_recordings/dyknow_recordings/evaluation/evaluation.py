@@ -432,7 +432,7 @@ class ColumnStates:
             return False
         parts = parts_by_topic(batch)
         streams = list(chain(*used))
-        if self._begins_others(streams, parts):
+        if any(not each.awaited.isdisjoint(parts) for each in streams):
             return False
         if any(self._may_change(each, parts, end) for each in streams):
             return False
@@ -442,13 +442,6 @@ class ColumnStates:
         for each in streams:
             each.receive_many(states[each.name])
         return True
-
-    def _begins_others(self, streams: Sequence[GroupStream], parts: _TopicParts) -> bool:
-        """Return True if sources begin that may be better than those in use."""
-        begun = {topic for topic in parts if not self._streams.received_at(topic)}
-        return any(
-            each.is_replaceable and begun - self._streams.topics(each.name) for each in streams
-        )
 
     def _may_change(self, state: GroupStream, parts: _TopicParts, end: int) -> bool:
         """Return True if a group may be given another stream, or fail, until a time."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ class GroupStream:
         receive_many: processes states that were made as columns.
         is_replaceable: True if another stream may replace it when a topic is silent.
         until: the log time before which no other stream is made.
+        awaited: the topics whose first messages may make other sources better.
     """
 
     name: str
@@ -32,6 +34,7 @@ class GroupStream:
     receive_many: Callable[[SampleBatch], None]
     is_replaceable: bool = False
     until: int | None = None
+    awaited: AbstractSet[str] = frozenset()
 
 
 @dataclass(eq=False)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
 from functools import partial
 from typing import Any, Final
 
@@ -120,6 +121,7 @@ class StateGroup:
             self._receive_many,
             self._is_replaceable,
             self._standby.due,
+            self._awaited_topics() if self._is_replaceable else frozenset(),
         )
         return stream, *self._standby.group_streams
 
@@ -281,6 +283,15 @@ class StateGroup:
         self._topics_to_begin -= begun
         if begun or self._standby.is_outdated(now):
             self._stand_by(stream, now)
+
+    def _awaited_topics(self) -> AbstractSet[str]:
+        """Return the topics whose first messages may change which sources are used or stand by."""
+        best = self._inputs.candidates.choose(self._inputs.features)
+        streams = [self._line.stream]
+        if self._session.chosen == best:
+            streams.append(self._standby.stream)
+        used = (self._streams.topics(each.name) for each in streams if each)
+        return self._topics_to_begin.difference(*used)
 
     def _begun_topics(self) -> set[str]:
         """Return the topics that have begun since the last look for a standby."""
