@@ -44,9 +44,10 @@ from dyknow_reasoning import (
     walk,
 )
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every, looks_back
+from dyknow_recordings.evaluation.episodes import EpisodeStart, Every, looks_back
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.reading.recording import BEGINNING
 from dyknow_stream_processing import made, parse_specification
 
 BLACK_BOX: Final = 'dyknow_black_box'
@@ -138,7 +139,7 @@ class BlackBoxContent:
     def start(self) -> EpisodeStart:
         """From when the formula is evaluated."""
         every = Every.STATE if self.every_state else Every.FIRST
-        first_state = FIRST_BEGIN if self.begin is None else self.begin
+        first_state = BEGINNING if self.begin is None else self.begin
         return EpisodeStart(every=every, first_state=first_state)
 
     def judged(self, report: RecordingReport) -> RecordingReport:

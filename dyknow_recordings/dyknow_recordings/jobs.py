@@ -21,7 +21,7 @@ from dyknow_common.worker_pool import WorkerPool
 from dyknow_configuration import NO_MAP, RequestedFormula, RobotMap, TextSource, TopicExpectation
 from dyknow_recordings.black_boxes import BlackBoxContent, suffix_report
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
+from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.recorded_map import recorded_map
 from dyknow_recordings.evaluation.results import RecordingReport
@@ -29,6 +29,7 @@ from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.health import broken_in
 from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
+from dyknow_recordings.reading.recording import BEGINNING
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -139,7 +140,7 @@ class RecordingJob:
     def _start(self, start_time: int) -> EpisodeStart:
         if self.black_box is not None:
             return self.black_box.start
-        begin = FIRST_BEGIN if self.begin is None else start_time + self.begin
+        begin = BEGINNING if self.begin is None else start_time + self.begin
         if self.every in {Every.FIRST, Every.STATE}:
             return EpisodeStart(begin, Every(self.every))
         return EpisodeStart(begin, Every.TRIGGER, self.every)

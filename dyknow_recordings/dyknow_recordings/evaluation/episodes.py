@@ -34,11 +34,8 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import SignalRecorder
 from dyknow_recordings.evaluation.results import Episode, StateGap
-from dyknow_recordings.reading.recording import LostMessages
+from dyknow_recordings.reading.recording import BEGINNING, LostMessages
 from dyknow_stream_processing import Violation
-
-FIRST_BEGIN: Final = -(1 << 63)
-"""A time before all states, in nanoseconds."""
 
 
 class Every(StrEnum):
@@ -67,10 +64,10 @@ class EpisodeStart:
             nanoseconds; what happens before does not count.
     """
 
-    begin: int = FIRST_BEGIN
+    begin: int = BEGINNING
     every: Every = Every.FIRST
     trigger: str = ''
-    first_state: int = FIRST_BEGIN
+    first_state: int = BEGINNING
 
 
 FROM_FIRST_STATE: Final = EpisodeStart()
@@ -139,7 +136,8 @@ class EpisodeGroup:
         self._unknown = unknown
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
         self._states = 0
-        self._losses: list[LostMessages] = []
+        self.losses: list[LostMessages] = []
+        """The messages that states are missing for."""
         self._owners: dict[int, FormulaEpisodes] = {}
         # The ids of the formulas that have seen no state yet.
         self._fresh: set[int] = set()
@@ -285,7 +283,7 @@ class EpisodeGroup:
             lost: the messages that they would be made of.
             is_final: True if other states may be wrong, too: then the formulas fail.
         """
-        self._losses.append(lost)
+        self.losses.append(lost)
         for trigger in self._triggers.values():
             trigger.lose()
         for each in self._running:
@@ -295,20 +293,15 @@ class EpisodeGroup:
             if is_final or is_first_lost:
                 self._fail(each, self._loss())
 
-    @property
-    def has_losses(self) -> bool:
-        """True if states are missing as messages are lost."""
-        return bool(self._losses)
-
     def _loss(self) -> RecordingError:
-        more = f' (and {len(self._losses) - 1} more)' if len(self._losses) > 1 else ''
+        more = f' (and {len(self.losses) - 1} more)' if len(self.losses) > 1 else ''
         return RecordingError(
-            f'the verdict depends on {self._losses[0]}{more}', ExitCode.CONSTRAINT_VIOLATION
+            f'the verdict depends on {self.losses[0]}{more}', ExitCode.CONSTRAINT_VIOLATION
         )
 
-    def _with_loss(self, error: DyKnowError | None) -> DyKnowError | None:
+    def _with_loss(self, error: DyKnowError) -> DyKnowError:
         """Return an error that also names the messages that are lost."""
-        if error is None or not self._losses or error.message == self._loss().message:
+        if not self.losses or error.message == self._loss().message:
             return error
         return RecordingError(f'{error.message}; {self._loss().message}', error.code)
 
@@ -329,7 +322,7 @@ class EpisodeGroup:
 
     def finish(self) -> None:
         """Record what remains of the undecided episodes: errors, if messages are lost."""
-        for each in self._running if self._losses else ():
+        for each in self._running if self.losses else ():
             is_standing = each in self._standing
             found = self._standing[each].episodes() if is_standing else each.episodes
             if all(episode.verdict is not Verdict.FALSE for episode in found):
@@ -365,7 +358,7 @@ class EpisodeGroup:
                 result.verdict,
                 result.decided_at,
                 result.explanation,
-                self._with_loss(result.error),
+                result.error and self._with_loss(result.error),
                 objects=result.objects,
                 windows=result.windows,
                 margin=_margin_of(formula, result.margin),
@@ -377,8 +370,7 @@ class EpisodeGroup:
                 self._end(formula)
 
     def _fail(self, formula: FormulaEpisodes, error: DyKnowError) -> None:
-        error = self._with_loss(error) or error
-        formula.error = error
+        formula.error = error = self._with_loss(error)
         if formula in self._standing:
             formula.episodes = self._standing[formula].episodes(error)
         for formula_id, index in formula.open_episodes.items():

@@ -223,7 +223,7 @@ class StateGroup:
         if violation := self._session.unexplained(stream.name):
             text = describe_violation(violation)
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
-        elif self._line.is_in_gap and not self.episodes.has_losses:
+        elif self._line.is_in_gap and not self.episodes.losses:
             reason = self._streams.waits_for(stream.name, made) or 'no state has come since'
             error = self._session.cause
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))

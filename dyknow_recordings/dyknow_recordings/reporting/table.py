@@ -61,20 +61,12 @@ class Tables(CheckOutput):
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
     start = extent(report).origin
-    has_margins = any(each.margin is not None for each in report.formulas)
-    has_probabilities = any(each.probability is not None for each in report.formulas)
-    margins = [folded('margin')] if has_margins else []
-    margins += [folded('probability')] if has_probabilities else []
+    measures = {'margin': _margin, 'probability': _probability}
+    shown = {name: text for name, text in measures.items() if any(map(text, report.formulas))}
     return framed_table(
-        [folded('formula'), fixed('outcome'), fixed('at'), *margins, folded('why')],
+        [folded('formula'), fixed('outcome'), fixed('at'), *map(folded, shown), folded('why')],
         (
-            _row(
-                each,
-                judgement,
-                start,
-                has_margins=has_margins,
-                has_probabilities=has_probabilities,
-            )
+            _row(each, judgement, start, [text(each) for text in shown.values()])
             for each in report.formulas
         ),
         title=_title(report),
@@ -111,9 +103,7 @@ def _row(
     report: FormulaReport,
     judgement: Judgement,
     start: int,
-    *,
-    has_margins: bool,
-    has_probabilities: bool,
+    measures: Iterable[str],
 ) -> tuple[Text, ...]:
     style = _STYLES.get(report.outcome, 'green' if judgement.passes(report) else 'red')
     decisive = report.decisive
@@ -123,10 +113,13 @@ def _row(
         Text(report.name),
         Text(report.outcome, style=style),
         Text(at),
-        *([Text('' if report.margin is None else str(report.margin))] if has_margins else []),
-        *([Text(_probability(report))] if has_probabilities else []),
+        *map(Text, measures),
         Text(with_readable_times(_reason(report).partition(_PLACE)[0], start)),
     )
+
+
+def _margin(report: FormulaReport) -> str:
+    return '' if report.margin is None else str(report.margin)
 
 
 def _probability(report: FormulaReport) -> str:

@@ -109,10 +109,10 @@ def type_constants(definition: TypeDefinition) -> TypeConstants:
         raise
     except Exception:  # noqa: BLE001 - see `parsed_types`, which tells of them
         return {}
-    return named_constants(types)
+    return _named_constants(types)
 
 
-def named_constants(types: Mapping[str, tuple[Any, Any]]) -> TypeConstants:
+def _named_constants(types: Mapping[str, tuple[Any, Any]]) -> TypeConstants:
     """Return the constants of types as rosbags describes them."""
     return {
         name: {constant: value for constant, _, value in constants}
@@ -203,7 +203,7 @@ class MessageTypes:
     @property
     def constants(self) -> TypeConstants:
         """The constants of the types of the distribution."""
-        return _released_constants(self.distro or LATEST)
+        return _named_constants(_released(self.distro or LATEST))
 
 
 NO_TYPES: Final = MessageTypes()
@@ -220,27 +220,22 @@ def _members(types: MessageTypes, name: str) -> Members | None:
     for folder in types.folders:
         if found := _members_in(_files(folder).get(_base(name)), name):
             return found
-    distro = types.distro or LATEST
-    if found := _released(distro).get(name):
-        return found
+    if released := _released(types.distro or LATEST).get(name):
+        return tuple(released[1])
     for prefix in types.prefixes:
         path = prefix / 'share' / _base(name)
         for each in (path.with_name(f'{path.name}{suffix}') for suffix in _ENCODINGS):
             if each.is_file() and (found := _members_in(each, name)):
                 return found
-    return _released(LATEST).get(name)
+    latest = _released(LATEST).get(name)
+    return None if latest is None else tuple(latest[1])
 
 
 @cache
-def _released_constants(distro: str) -> TypeConstants:
-    return named_constants(get_typestore(Stores[f'ROS2_{distro.upper()}']).fielddefs)
-
-
-@cache
-def _released(distro: str) -> Mapping[str, Members]:
+def _released(distro: str) -> Mapping[str, tuple[Any, Any]]:
+    """Return the constants and members of the types of a distribution, by name."""
     # Loaded only where a definition is missing: this takes 0.1 s.
-    types = get_typestore(Stores[f'ROS2_{distro.upper()}']).fielddefs
-    return {name: tuple(members) for name, (_, members) in types.items()}
+    return get_typestore(Stores[f'ROS2_{distro.upper()}']).fielddefs
 
 
 def _base(name: str) -> str:

@@ -14,7 +14,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.cdr import DecodedFields
 from dyknow_recordings.reading.messages.computed_columns import ComputedColumns
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
-from dyknow_recordings.reading.messages.layouts import MAX_TEXT, MAX_VALUES, STAMP, MessageLayout
+from dyknow_recordings.reading.messages.layouts import MAX_TEXT, MAX_VALUES, MessageLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_stream_processing import WHOLE, NoValueError
 
@@ -127,12 +127,6 @@ class JsonLayout(MessageLayout):
             if length > MAX_TEXT:
                 raise RecordingError(f"the names in the message type '{name}' are too long")
         return fields
-
-    @property
-    def stamp_fields(self) -> tuple[str, ...]:
-        """The paths to the seconds and nanoseconds of the stamp; empty if there is no header."""
-        is_stamped = all(self.fields.get(path) is ValueType.INT for path in STAMP)
-        return STAMP if is_stamped else ()
 
 
 class _SchemaReader:

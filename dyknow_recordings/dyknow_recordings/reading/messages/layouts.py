@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -30,7 +29,7 @@ from dyknow_recordings.reading.messages.definitions import (
 )
 
 _HEADER: Final = 'std_msgs/msg/Header'
-STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
+_STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
 LONG_DOUBLE: Final = 'float128'
 """A type of IDL whose values are left out: numpy has none that is equal on all machines."""
@@ -89,7 +88,7 @@ class _TypeSize:
         )
 
 
-class MessageLayout(ABC):
+class MessageLayout:
     """The fields of a message type.
 
     Args:
@@ -104,9 +103,11 @@ class MessageLayout(ABC):
         self.unread = unread
 
     @property
-    @abstractmethod
     def stamp_fields(self) -> tuple[str, ...]:
         """The paths to the seconds and nanoseconds of the stamp; empty if there is no header."""
+        # A recording may define a header of its own.
+        has_stamp = all(self.fields.get(path) is ValueType.INT for path in _STAMP)
+        return _STAMP if has_stamp else ()
 
     def check(self, paths: Collection[str]) -> None:
         """Check that the type has some fields, and that each is a single value.
@@ -143,9 +144,7 @@ class TypeLayout(MessageLayout):
     def stamp_fields(self) -> tuple[str, ...]:
         """The paths to the seconds and nanoseconds of the stamp; empty if there is no header."""
         header = dict(self.members(self.name)).get('header')
-        # A recording may define a header of its own.
-        has_stamp = all(self.fields.get(path) is ValueType.INT for path in STAMP)
-        return STAMP if header == (Nodetype.NAME, _HEADER) and has_stamp else ()
+        return super().stamp_fields if header == (Nodetype.NAME, _HEADER) else ()
 
     def members(self, name: str) -> Members:
         """Return the fields of this type, or of a type within it.
