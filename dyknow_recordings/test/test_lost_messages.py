@@ -444,6 +444,24 @@ def test_sequence_numbers(tmp_path: Path, kind: str, size: int, topics: set[str]
     assert found == lost
 
 
+@pytest.mark.parametrize('end', [150, 250])
+@pytest.mark.parametrize('kind', [*SEQUENCES, 'each begins anew', 'all begin anew'])
+def test_sequence_numbers_in_two_files(tmp_path: Path, kind: str, end: int) -> None:
+    """Messages may be lost between files; a writer may begin to count anew with each."""
+    rows, missing = SEQUENCES.get(kind, (EVERY if kind.startswith('each') else TOGETHER, {}))
+    files = [row for row in rows if row[0] < end], [row for row in rows if row[0] >= end]
+    if kind not in SEQUENCES:
+        first = {key: n for _, key, n in sorted(files[1], reverse=True)}
+        least = min(first.values()) if kind.startswith('all') else None
+        files[1][:] = [(time, key, n - (least or first[key])) for time, key, n in files[1]]
+    for number, each in enumerate(files):
+        in_chunks(tmp_path / f'a_{number}.mcap', each, 20)
+    with Bag(tmp_path) as bag:
+        assert list(bag.messages())
+        found = {each.place: each.count for each in bag.faults if each.reason == MISSING}
+    assert found == {f"topic '{name}'": n for name, n in missing.items()}
+
+
 def test_sequence_numbers_that_seldom_increase_by_one(tmp_path: Path) -> None:
     rows = counted(1, 1, *range(2, 401, 2))
     path = in_chunks(tmp_path / 'a.mcap', rows, 20)

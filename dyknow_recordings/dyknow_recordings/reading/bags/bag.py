@@ -298,7 +298,8 @@ class Bag(RecordingReader):
         self._reading = FaultCounter()
         for file in self._files:
             file.faults = self._reading
-        sources = [file.blocks(channels, self._numbers) for file in self._files]
+        pairs = zip(self._files, (None, *self._files), strict=False)
+        sources = [file.blocks(channels, self._numbers, former) for file, former in pairs]
         topics = [each.topic for each in self._channels]
         return merged(sources, str(self.path), topics, self._reading)
 

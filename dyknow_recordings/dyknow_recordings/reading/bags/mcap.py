@@ -112,6 +112,8 @@ class McapFile:
         self._channels = self._definitions.channels
         self._chunks: list[_Chunk] = []
         self._known: set[int] = set()
+        self.sequences: SequenceNumbers | None = None
+        """The sequence numbers of the latest reading."""
         self._read_bytes = 0
         # The chunk that the next records of indices belong to.
         self._indexed: _Chunk | None = None
@@ -136,7 +138,10 @@ class McapFile:
         self._data = b''
 
     def blocks(
-        self, wanted: Collection[StoredChannel], numbers: Mapping[StoredChannel, int]
+        self,
+        wanted: Collection[StoredChannel],
+        numbers: Mapping[StoredChannel, int],
+        former: object,
     ) -> Iterator[StoredBlock]:
         """Yield the messages of some channels; arguments as in `StorageFile`."""
         ids = {
@@ -144,9 +149,12 @@ class McapFile:
         }
         table = np.full(1 << 16, -1, np.int64)
         table[list(ids)] = list(ids.values())
-        sequences, first = SequenceNumbers(self._channels, self.faults), 0
-        for chunk in self._chunks:
-            if not chunk.counts.keys().isdisjoint(ids):
+        is_read = [not each.counts.keys().isdisjoint(ids) for each in self._chunks]
+        before = former.sequences if isinstance(former, McapFile) else None
+        sequences = SequenceNumbers(self._channels, self.faults, sum(is_read), before)
+        self.sequences, first = sequences, 0
+        for chunk, is_wanted in zip(self._chunks, is_read, strict=True):
+            if is_wanted:
                 yield chunk.start, partial(self._messages, chunk, table, sequences, first)
             first += chunk.counts.total()
 
@@ -332,6 +340,7 @@ class McapFile:
         positions = np.array(found, np.int64)
         if len(positions) == 0:
             self._check_content(chunk, content, positions, is_whole=is_whole)
+            sequences.check(np.empty((4, 0), np.int64), np.empty(0, np.bool_))
             return StoredMessages.of((), (), ())
         values = SerialisedMessages(data, '<').values
         keys = values('u2', positions + header).astype(np.int64)

@@ -31,11 +31,20 @@ class SequenceNumbers:
     Args:
         channels: the channels of the file by their keys.
         faults: where missing messages are counted.
+        unread: the number of chunks that are read.
+        former: of the file before, whose numbers go on in this one if they are used.
     """
 
-    def __init__(self, channels: Mapping[int, StoredChannel], faults: FaultCounter) -> None:
+    def __init__(
+        self,
+        channels: Mapping[int, StoredChannel],
+        faults: FaultCounter,
+        unread: int,
+        former: SequenceNumbers | None,
+    ) -> None:
         self._channels = channels
         self._faults = faults
+        self._unread, self._former = unread, former
         # The latest message of each channel, as in `check`.
         self._latest: Integers = np.empty((4, 0), np.int64)
         # By channel: the number of gaps less that of steps by one, and whether one steps back.
@@ -54,8 +63,11 @@ class SequenceNumbers:
                 all messages of the chunk; of shape (4, n).
             wanted: True for messages of channels all of whose chunks are read; of shape (n,).
         """
+        self._unread -= 1
         if not rows[3].any():
             return
+        if self._former is not None:
+            self._latest, self._former = self._continued(self._former), None
         steps = np.diff(np.concatenate([self._last, rows], axis=1))
         self._shared -= int(((steps[0] != 0) & (steps[3] <= 0)).sum())
         self._last = rows[:, -1:]
@@ -65,14 +77,29 @@ class SequenceNumbers:
         self._latest = rows[:, changes != 0]
         same = np.flatnonzero(changes == 0)
         keys, passed, steps = rows[0, same], passed[same], steps[same]
-        self._shared += int(np.where(steps < passed, -1, 1)[passed > 1].sum())
-        np.add.at(self._excess, keys, np.where(steps > 1, 1, -1))
-        self._steps_back[keys[steps <= 0]] = True
+        # A writer may begin anew with each file.
+        is_own = rows[1, same] >= 0
+        self._shared += int(np.where(steps < passed, -1, 1)[is_own & (passed > 1)].sum())
+        np.add.at(self._excess, keys[is_own], np.where(steps > 1, 1, -1)[is_own])
+        self._steps_back[keys[is_own & (steps <= 0)]] = True
         if self._shared > 0:
             return
         for row in np.flatnonzero((steps > 1) & ~self._steps_back[keys]).tolist():
             before, after = rows[2, same[row] : same[row] + 2].tolist()
             self._lose(int(keys[row]), before, after, int(steps[row]) - 1)
+
+    def _continued(self, former: SequenceNumbers) -> Integers:
+        """Return the latest messages of another file, at the position -1."""
+        is_used = ~former._steps_back & (former._excess <= _MOST_GAPS)
+        # What of it is read later may have other numbers.
+        is_known = not former._unread and former._shared <= 0
+        keys = {channel: key for key, channel in self._channels.items()}
+        found = [
+            (keys[channel], -1, time, number)
+            for key, _, time, number in former._latest.T.tolist()
+            if is_known and is_used[key] and (channel := former._channels[key]) in keys
+        ]
+        return np.array(found, np.int64).reshape(-1, 4).T
 
     def _lose(self, key: int, before: int, after: int, count: int) -> None:
         """Note that a channel lacks messages between two log times."""

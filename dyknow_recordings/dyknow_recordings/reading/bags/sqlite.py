@@ -108,7 +108,10 @@ class SqliteFile:
         self._database.close()
 
     def blocks(
-        self, wanted: Collection[StoredChannel], numbers: Mapping[StoredChannel, int]
+        self,
+        wanted: Collection[StoredChannel],
+        numbers: Mapping[StoredChannel, int],
+        former: object,  # noqa: ARG002 - it has no sequence numbers
     ) -> Iterator[StoredBlock]:
         """Yield the messages of some channels; arguments as in `StorageFile`."""
         ids = {

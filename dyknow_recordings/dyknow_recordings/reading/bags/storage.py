@@ -60,12 +60,15 @@ class StorageFile(Protocol):
     has_sent_times: bool
     """True if it has the times at which messages were sent."""
 
-    def blocks(self, wanted: Collection[StoredChannel], numbers: Any) -> Iterator[StoredBlock]:
+    def blocks(
+        self, wanted: Collection[StoredChannel], numbers: Any, former: object
+    ) -> Iterator[StoredBlock]:
         """Yield the messages of some channels, in blocks in the order of their first times.
 
         Args:
             wanted: the channels.
             numbers: each channel's number in the bag.
+            former: the file of the bag before, whose blocks are begun; None if it is the first.
         """
 
     def close(self) -> None:
