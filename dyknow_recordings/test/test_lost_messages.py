@@ -462,6 +462,28 @@ def test_sequence_numbers_in_two_files(tmp_path: Path, kind: str, end: int) -> N
     assert found == {f"topic '{name}'": n for name, n in missing.items()}
 
 
+def test_sequence_numbers_of_chunks_in_another_order(tmp_path: Path) -> None:
+    """A chunk of messages that were recorded later may begin with an earlier one."""
+    chunks = [
+        [(time, 1, time) for time in range(1, 100)],
+        [(102, 2, 0), (101, 1, 100)],
+        [(100, 2, 0), (103, 1, 101)],
+        [(time, 1, time - 2) for time in range(104, 200)],
+    ]
+    records = [
+        chunk(
+            [stored(key, START + time * STEP, payload(0), n) for time, key, n in part],
+            (START + min(part)[0] * STEP, START + max(part)[0] * STEP),
+        )
+        for part in chunks
+    ]
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(mcap(NUMBER, channel(2, 1, '/y'), *records))
+    with Bag(path) as bag:
+        assert list(bag.messages())
+        assert not [each for each in bag.faults if each.reason == MISSING]
+
+
 def test_sequence_numbers_that_seldom_increase_by_one(tmp_path: Path) -> None:
     rows = counted(1, 1, *range(2, 401, 2))
     path = in_chunks(tmp_path / 'a.mcap', rows, 20)

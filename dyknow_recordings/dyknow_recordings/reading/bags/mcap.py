@@ -81,6 +81,7 @@ class _Chunk:
         is_record: False for messages that are in no chunk.
         is_counted: False if the file has no index of the messages.
         counts: the number of messages by channel.
+        is_in_order: True if all chunks before it in the file are read before it, and no others.
     """
 
     begin: int
@@ -90,6 +91,7 @@ class _Chunk:
     is_record: bool
     is_counted: bool = False
     counts: Counter[int] = field(default_factory=Counter)
+    is_in_order: bool = True
 
 
 class McapFile:
@@ -130,6 +132,10 @@ class McapFile:
         self._count()
         self._compare()
         self._chunks.sort(key=lambda chunk: chunk.start)
+        begins = np.array([each.begin for each in self._chunks], np.int64)
+        earlier, later = np.maximum.accumulate(begins), np.minimum.accumulate(begins[::-1])[::-1]
+        for chunk, is_in_order in zip(self._chunks, (earlier == later).tolist(), strict=True):
+            chunk.is_in_order = is_in_order
         first = next((self._content(chunk) for chunk in self._chunks if chunk.counts), None)
         self.has_sent_times = first is not None and has_sent_times(first)
 
@@ -340,7 +346,8 @@ class McapFile:
         positions = np.array(found, np.int64)
         if len(positions) == 0:
             self._check_content(chunk, content, positions, is_whole=is_whole)
-            sequences.check(np.empty((4, 0), np.int64), np.empty(0, np.bool_))
+            none = np.empty((4, 0), np.int64), np.empty(0, np.bool_)
+            sequences.check(*none, is_in_order=chunk.is_in_order)
             return StoredMessages.of((), (), ())
         values = SerialisedMessages(data, '<').values
         keys = values('u2', positions + header).astype(np.int64)
@@ -349,7 +356,8 @@ class McapFile:
         sequence = values('u4', positions + header + _SEQUENCE_OFFSET).astype(np.int64)
         wanted = numbers[keys] >= 0
         places = first + np.arange(len(keys))
-        sequences.check(np.stack([keys, places, times, sequence]), wanted)
+        rows = np.stack([keys, places, times, sequence])
+        sequences.check(rows, wanted, is_in_order=chunk.is_in_order)
         positions, channels, times = positions[wanted], numbers[keys[wanted]], times[wanted]
         sizes = values('i8', positions + 1).astype(np.int64) - MESSAGE_SIZE
         sent = values('i8', positions + (header + _SENT_OFFSET)).astype(np.int64)

@@ -55,15 +55,20 @@ class SequenceNumbers:
         self._last = self._latest
         self._shared = 0
 
-    def check(self, rows: Integers, wanted: NDArray[np.bool_]) -> None:
+    def check(self, rows: Integers, wanted: NDArray[np.bool_], *, is_in_order: bool) -> None:
         """Note the messages that are missing before the messages of a chunk, or between them.
 
         Args:
             rows: the channel, position in the file, log time in nanoseconds and sequence number of
                 all messages of the chunk; of shape (4, n).
             wanted: True for messages of channels all of whose chunks are read; of shape (n,).
+            is_in_order: False if chunks are read before it that are after it in the file.
         """
         self._unread -= 1
+        if not is_in_order:
+            self._latest = self._last = np.empty((4, 0), np.int64)
+            self._former = None
+            return
         if not rows[3].any():
             return
         if self._former is not None:
