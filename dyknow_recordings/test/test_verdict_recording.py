@@ -180,6 +180,13 @@ def test_stamps_of_another_clock(tmp_path: Path) -> None:
     assert found.message.decided_at.sec == 7
 
 
+def test_stamps_from_before_the_start(tmp_path: Path) -> None:
+    """Messages may come seconds after their stamps, by the same clock."""
+    formula = FormulaReport('p', 'p', (Episode(at(-5), Verdict.TRUE, at(1)),), states=3)
+    (found,) = written_of(report(formula), tmp_path, RESULTS)
+    assert found.seconds == 1
+
+
 def test_a_long_recording_has_fewer_reports(tmp_path: Path) -> None:
     century = replace(report(FormulaReport('p', 'p', (TRUE,))), end_time=START * 2)
     assert 10_000 <= len(written_of(century, tmp_path, DIAGNOSTICS)) < 10_010

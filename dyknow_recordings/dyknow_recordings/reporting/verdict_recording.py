@@ -29,6 +29,7 @@ from dyknow_recordings.reading.bags.bag_writing import bag_writer
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import in_order
 from dyknow_recordings.reporting.outputs import CheckOutput
+from dyknow_recordings.reporting.pictures.timeline import extent
 from dyknow_recordings.reporting.verdict_messages import (
     UNDECIDED,
     diagnostic_status,
@@ -90,15 +91,7 @@ class LogTimes:
 
     def __init__(self, report: RecordingReport) -> None:
         self._start, self._end = report.start_time, report.end_time
-        begins = [
-            episode.begin
-            for formula in report.formulas
-            for episode in formula.episodes
-            if episode.begin is not None
-        ]
-        first = min(begins, default=self._start)
-        is_same_clock = self._start - SECOND_NS <= first <= self._end
-        self._offset = 0 if is_same_clock else self._start - first
+        self._offset = self._start - extent(report).origin
 
     def of(self, valid_time: int | None) -> int:
         """Return a log time within the recording; the start for None, which needs no state."""
