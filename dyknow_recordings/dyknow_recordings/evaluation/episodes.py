@@ -35,7 +35,7 @@ from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import SignalRecorder
 from dyknow_recordings.evaluation.results import Episode, StateGap
 from dyknow_recordings.reading.recording import BEGINNING, LostMessages
-from dyknow_stream_processing import Violation
+from dyknow_stream_processing import Violation, rows_of
 
 
 class Every(StrEnum):
@@ -147,22 +147,16 @@ class EpisodeGroup:
         self._group.begin(domains, unknown)
         for each in formulas:
             try:
-                self._prepare(each, domains, unknown)
+                self._prepare(each, domains)
             except DyKnowError as error:
                 self._fail(each, error)
         self._close(self._group.decided_at_once())
 
-    def _prepare(
-        self,
-        each: FormulaEpisodes,
-        domains: Mapping[str, tuple[str, ...]],
-        unknown: UnknownFeatures,
-    ) -> None:
+    def _prepare(self, each: FormulaEpisodes, domains: Mapping[str, tuple[str, ...]]) -> None:
         grounded, asked = each.grounded, each.grounded.probability
         each.probability = probability_of(asked, domains) if asked else None
         if each.every is Every.STATE:
-            given = grounded.formula, domains, unknown, grounded.units
-            self._standing[each] = StandingEpisodes(*given, margin=grounded.margin)
+            self._standing[each] = StandingEpisodes(grounded, domains, self._unknown)
         elif each.every is Every.TRIGGER:
             # What past operators look back to is the same from every state.
             self._group.keep_history(grounded.formula)
@@ -217,13 +211,11 @@ class EpisodeGroup:
             start = len(valid_times)
         elif self._fresh:
             start = 1
-        times = valid_times[:start].tolist()
-        names, values = list(columns), [each[:start].tolist() for each in columns.values()]
-        rows = zip(*values, strict=True) if values else ([()] * len(times))
-        for time, row in zip(times, rows, strict=True):
+        single = {name: each[:start] for name, each in columns.items()}
+        for time, values in rows_of(valid_times[:start], single):
             if self.has_ended and not self.observer:
                 return
-            self.progress(time, dict(zip(names, row, strict=True)))
+            self.progress(time, values)
         if start < len(valid_times) and (self.observer or not self.has_ended):
             self._progress_columns(
                 valid_times[start:], {name: each[start:] for name, each in columns.items()}
@@ -457,24 +449,19 @@ class StandingEpisodes:
     """The episodes of one formula, one for each state, by one standing monitor.
 
     Args:
-        text: of the formula.
+        grounded: the formula.
         domains: the objects of each sort.
         unknown: the features that may be unknown at a state.
-        units: of its features.
-        margin: True if margins are asked for.
     """
 
     def __init__(
         self,
-        text: str,
+        grounded: GroundedFormula,
         domains: Mapping[str, tuple[str, ...]],
         unknown: UnknownFeatures,
-        units: Mapping[str, str],
-        *,
-        margin: bool,
     ) -> None:
         self._group = FormulaGroup()
-        self._units = units
+        self._units, text, margin = grounded.units, grounded.formula, grounded.margin
         formula_id = self._group.add_formula(text, text, margin=margin, every_state=True)
         self._group.begin(domains, unknown)
         self._formula = self._group.standing.formulas[formula_id]

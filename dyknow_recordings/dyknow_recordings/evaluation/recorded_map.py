@@ -14,10 +14,9 @@ from dyknow_common import NO_CONSTRAINTS, DyKnowError
 from dyknow_configuration import RobotMap, TextSource
 from dyknow_coordinator import parse_sources
 from dyknow_recordings.evaluation.streams import RecordedStreams
-from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.recording import RecordingReader, batches, parts_by_topic, rows_of
 from dyknow_space import Region
-from dyknow_stream_processing import Sample, SampleBatch
+from dyknow_stream_processing import Sample
 
 MAX_POINTS: Final = 2_000
 """The number of points of a track: all, or some at equal distances, and those at failures."""
@@ -68,10 +67,12 @@ def recorded_map(
         with suppress(DyKnowError):
             streams.create(_LABEL + name, text, NO_CONSTRAINTS, trace.samples.append)
     for batch in batches(recording.columns(fields)) if fields else ():
-        found = _progressed(streams, batch)
+        found = streams.step_many(parts_by_topic(batch), max(int(p.log_times[-1]) for p in batch))
+        for message in rows_of(batch) if found is None else ():
+            streams.push(message)
         for name, trace in traces.items():
             trace.add_samples()
-            if samples := found.get(_LABEL + name):
+            if samples := (found or {}).get(_LABEL + name):
                 trace.add(samples.valid_times, samples.columns)
     if fields:
         streams.dataflow.advance(recording.end_time)
@@ -85,16 +86,6 @@ def recorded_map(
 
 _LABEL: Final = 'map of '
 """Begins the names of the streams of maps; no stream of a file has such a name."""
-
-
-def _progressed(
-    streams: RecordedStreams, batch: Sequence[MessageColumns]
-) -> Mapping[str, SampleBatch]:
-    """Process a batch; return the samples of each stream, unless callbacks have received them."""
-    found = streams.step_many(parts_by_topic(batch), max(int(part.log_times[-1]) for part in batch))
-    for message in rows_of(batch) if found is None else ():
-        streams.push(message)
-    return found or {}
 
 
 class _Trace:

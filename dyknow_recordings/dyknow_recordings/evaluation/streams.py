@@ -402,7 +402,7 @@ class RecordedStreams:
 
     def received(self, name: str) -> dict[str, int]:
         """Return when the latest message of each topic of a stream was received, in ns; or 0."""
-        return {topic: self._received.get(topic, 0) for topic in self.topics(name)}
+        return {topic: self.received_at(topic) for topic in self.topics(name)}
 
     def waits_for(self, name: str, since: int, span: tuple[int, int] | None = None) -> str:
         """Return why a stream has had no samples since a time.

@@ -92,7 +92,8 @@ class UlogRecording(RecordingReader):
             else:
                 self._data[name] = _LoggedTopic(name, data, order.get(data.msg_id), self._opening)
         self._place(log)
-        self._add_losses(log, ends_early=_ends_early(content))
+        end = max((end for _, _, end in records(content)), default=HEADER_SIZE)
+        self._add_losses(log, ends_early=end != len(content))
 
     @property
     def contents(self) -> Mapping[str, TopicContent]:
@@ -281,10 +282,6 @@ def _read(path: Path) -> tuple[bytes, Any]:
         )
         raise RecordingError(f'{path}: not a readable log of PX4: {reason}') from error
     return data, log
-
-
-def _ends_early(data: bytes) -> bool:
-    return max((end for _, _, end in records(data)), default=HEADER_SIZE) != len(data)
 
 
 def _listed(kinds: Mapping[str, ValueType]) -> Mapping[str, ValueType]:

@@ -128,11 +128,6 @@ def verdict_number(status: EvaluationStatus) -> int:
     return _NUMBERS[status.verdict] if status.error is None else _FAILED
 
 
-def number_message(number: int) -> Any:
-    """Return a number as an Int8."""
-    return message('std_msgs/msg/Int8', data=number)
-
-
 def result_message(time: int, status: EvaluationStatus, episode: int) -> Any:
     """Return the end of an episode as a FormulaResult; its id is the number of the episode."""
     error = status.error

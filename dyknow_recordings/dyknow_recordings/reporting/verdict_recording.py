@@ -35,8 +35,8 @@ from dyknow_recordings.reporting.verdict_messages import (
     diagnostic_status,
     diagnostics_message,
     markers_message,
+    message,
     message_types,
-    number_message,
     result_message,
     serialized,
     verdict_number,
@@ -268,12 +268,12 @@ def write_verdicts(report: RecordingReport, path: Path) -> None:
         bag = Path(folder, path.stem)
         with bag_writer(bag) as writer:
             connections: dict[str, Any] = {}
-            for time, topic, message in _messages(report):
+            for time, topic, each in _messages(report):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(
-                        topic, message.__msgtype__, typestore=message_types()
+                        topic, each.__msgtype__, typestore=message_types()
                     )
-                writer.write(connections[topic], time - origin, serialized(message))
+                writer.write(connections[topic], time - origin, serialized(each))
         os.replace(bag / f'{bag.name}.mcap', path)  # noqa: PTH105 - errors name both
 
 
@@ -357,11 +357,11 @@ def _numbers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterat
         changed = [index for index, number in found.items() if numbers[index] != number]
         # A plot draws lines between its points: each step needs two.
         for index in changed if time > report.start_time else ():
-            yield time - 1, topics[index], number_message(numbers[index])
+            yield time - 1, topics[index], message('std_msgs/msg/Int8', data=numbers[index])
         for index in changed:
             numbers[index] = found[index]
         for index in range(len(topics)) if time in ticks else changed:
-            yield time, topics[index], number_message(numbers[index])
+            yield time, topics[index], message('std_msgs/msg/Int8', data=numbers[index])
 
 
 def _markers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterator[TimedMessage]:
@@ -371,15 +371,14 @@ def _markers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterat
     statuses = _Statuses(changes)
     positions: dict[str, Point] = {}
     not_shown: set[str] = set()
-    frame, due = '', report.start_time
+    shown_frame, due = '', report.start_time
     period = max(PERIOD_NS, (report.end_time - report.start_time) // _MAX_TICKS)
-    for each in recorded_positions(Path(report.recording), vehicles):
-        frame = frame or each.frame
-        if each.frame != frame:
-            not_shown.add(each.vehicle)
+    for time, vehicle, frame, position in recorded_positions(Path(report.recording), vehicles):
+        shown_frame = shown_frame or frame
+        if frame != shown_frame:
+            not_shown.add(vehicle)
             continue
-        positions[each.vehicle] = each.position
-        time = each.log_time
+        positions[vehicle] = position
         if time >= due:
             due = time + period
             # The marker has the time of the latest state: there is no silence to show.
@@ -389,7 +388,7 @@ def _markers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterat
     for vehicle in sorted(not_shown):
         sys.stderr.write(
             f'{report.recording}: {vehicle} is not shown by markers: its positions are not in the '
-            f"frame '{frame}' of the others\n"
+            f"frame '{shown_frame}' of the others\n"
         )
 
 
@@ -402,23 +401,10 @@ def _topics(names: Sequence[str]) -> list[str]:
     return topics
 
 
-@dataclass(frozen=True, slots=True)
-class VehiclePosition:
-    """The position of a vehicle at a time.
-
-    Args:
-        log_time: in nanoseconds.
-        frame: the frame of the position.
-    """
-
-    log_time: int
-    vehicle: str
-    frame: str
-    position: Point
-
-
-def recorded_positions(path: Path, vehicles: Collection[str]) -> Iterator[VehiclePosition]:
-    """Yield the recorded positions of vehicles, in the order of their log times.
+def recorded_positions(
+    path: Path, vehicles: Collection[str]
+) -> Iterator[tuple[int, str, str, Point]]:
+    """Yield log times in order, each with a vehicle, a frame, and its position in it then.
 
     A recording that cannot be read has none: what is wrong with it has been reported before.
 
@@ -441,7 +427,6 @@ def recorded_positions(path: Path, vehicles: Collection[str]) -> Iterator[Vehicl
             for each in in_order(recording.columns(fields)):
                 if not each.absent:
                     x, y, z = (float(each.values[name]) for name in _POSITION)
-                    vehicle, frame = topics[each.topic], str(each.values[_FRAME])
-                    yield VehiclePosition(each.log_time, vehicle, frame, (x, y, z))
+                    yield each.log_time, topics[each.topic], str(each.values[_FRAME]), (x, y, z)
     except DyKnowError:
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cache, cached_property
@@ -175,14 +175,12 @@ class Bag(RecordingReader):
         for topic, paths in fields.items():
             channels = [self._readable(each) for each in self._channels if each.topic == topic]
             for channel in channels:
+                number, types = self._numbers[channel], self._types
                 try:
-                    layout = self._layout(channel)
-                    reader = _ChannelReader(channel, layout, self._types, paths)
-                    readers[self._numbers[channel]] = reader
+                    readers[number] = _ChannelReader(channel, self._layout(channel), types, paths)
                 except RecordingError as error:
-                    left_out[self._numbers[channel]] = error
-                    reader = _ChannelReader(channel, None, self._types, ())
-                    readers[self._numbers[channel]] = reader
+                    left_out[number] = error
+                    readers[number] = _ChannelReader(channel, None, types, ())
             errors = [left_out.get(self._numbers[channel]) for channel in channels]
             if (first := errors[0]) and all(errors):
                 raise RecordingError(f"{self.path}: topic '{topic}': {first}", first.code)
@@ -443,8 +441,15 @@ def merged(
         topics: of the channels, by their numbers.
         faults: where faults are counted.
     """
-    upcoming = [(block[0], number, block[1]) for number, block in _firsts(sources)]
-    heapq.heapify(upcoming)
+    upcoming: list[tuple[int, int, Callable[[], StoredMessages]]] = []
+
+    def advance(number: int) -> None:
+        following = next(sources[number], None)
+        if following is not None:
+            heapq.heappush(upcoming, (following[0], number, following[1]))
+
+    for number in range(len(sources)):
+        advance(number)
     pending: list[StoredMessages] = []
     reached: int | None = None
     while upcoming:
@@ -453,9 +458,7 @@ def merged(
             block = _without_compression(read(), place, topics, faults)
             count_steps_back(block.times, place, faults)
             pending.append(block)
-            following = next(sources[number], None)
-            if following is not None:
-                heapq.heappush(upcoming, (following[0], number, following[1]))
+            advance(number)
         messages = joined(pending)
         late = 0 if reached is None else int(np.searchsorted(messages.times, reached))
         if late:
@@ -478,13 +481,6 @@ def _is_full(blocks: Sequence[StoredMessages]) -> bool:
         sum(block.memory for block in new) > _BATCH_BYTES
         or sum(len(block) for block in new) > _BATCH_MESSAGES
     )
-
-
-def _firsts(sources: Sequence[Iterator[StoredBlock]]) -> Iterator[tuple[int, StoredBlock]]:
-    for number, source in enumerate(sources):
-        block = next(source, None)
-        if block is not None:
-            yield number, block
 
 
 def _lose(

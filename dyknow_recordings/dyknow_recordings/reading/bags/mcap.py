@@ -172,9 +172,13 @@ class McapFile:
         for offset in sorted(self._summary.chunks):
             if offset not in self._known:
                 self._scan_from(offset)
-        for chunk in self._chunks:
-            if chunk.is_record:
-                self._check_times(chunk)
+        for chunk in (each for each in self._chunks if each.is_record):
+            times = chunk.start, chunk.stop
+            start, stop = self._summary.chunks.get(chunk.begin - RECORD.size, times)
+            if (start, stop) != times:
+                # It is read on opening.
+                chunk.start, chunk.stop = min(start, chunk.start), max(stop, chunk.stop)
+                chunk.is_counted = False
 
     def _scan_from(self, position: int) -> None:
         """Read records up to damage, or to a chunk that is known already."""
@@ -219,14 +223,6 @@ class McapFile:
             self.faults.add(self._name, fault)
         else:
             self._end_fault = fault
-
-    def _check_times(self, chunk: _Chunk) -> None:
-        """Read a chunk on opening if the index states other times than its header."""
-        position = chunk.begin - RECORD.size
-        start, stop = self._summary.chunks.get(position, (chunk.start, chunk.stop))
-        if (start, stop) != (chunk.start, chunk.stop):
-            chunk.start, chunk.stop = min(start, chunk.start), max(stop, chunk.stop)
-            chunk.is_counted = False
 
     def _read_record(self, code: int, begin: int, stop: int) -> None:
         if code == McapCode.MESSAGE_INDEX:

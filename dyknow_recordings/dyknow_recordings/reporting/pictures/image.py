@@ -9,7 +9,7 @@ from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, printable
+from dyknow_common import NANOSECONDS, printable, shortened
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import optional_library
@@ -59,7 +59,7 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
             heading = '' if report is recording else report.recording
             recording = report
             passes = 'passes' if judgement.passes(formula) else 'does not pass'
-            title = f'{_shortened(formula.name)}: {formula.outcome}, {passes}'
+            title = f'{shortened(formula.name, _MAX_NAME)}: {formula.outcome}, {passes}'
             _draw_strip(axes, formula, whole, f'{heading}\n{title}' if heading else title)
         else:
             _draw_panel(axes, panel, found, whole)
@@ -174,10 +174,6 @@ def _set_title(axes: Any, text: str, weight: str = 'normal') -> None:
 
 def _ends(span: Span, whole: Span) -> tuple[float, float]:
     return whole.since_origin(span.start), whole.since_origin(span.end)
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= _MAX_NAME else f'{name[:_MAX_NAME]}...'
 
 
 def _plain(text: str) -> str:
