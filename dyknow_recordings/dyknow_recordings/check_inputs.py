@@ -56,6 +56,11 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
         '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
     )
     add_domain_option(parser)
+    _add_missing_option(parser)
+    add_reading_options(parser)
+
+
+def _add_missing_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--missing',
         choices=('error', 'unknown'),
@@ -63,7 +68,6 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
         help='what NaN, an empty cell or an absent field is: an error, or an unknown value, on '
         'which no verdict depends (default: error)',
     )
-    add_reading_options(parser)
 
 
 def given_robot(options: argparse.Namespace) -> RobotConfiguration:

@@ -232,8 +232,9 @@ class StateGroup:
         if latest is None:
             self.waits_for = self._streams.waits_for(stream.name, made)
             return
-        received = min(self._streams.valid_until(stream.name), end)
-        is_behind = received - latest > self._session.silence_limit
+        topics = self._streams.topics(stream.name)
+        received = max(map(self._streams.latest_valid_time, topics), default=0)
+        is_behind = min(received, end) - latest > self._session.silence_limit
         if is_behind or self._latest_receipt <= since:
             span = None if is_behind else (start, end)
             self.waits_for = self._streams.waits_for(stream.name, max(since, made), span)

@@ -387,10 +387,6 @@ class RecordedStreams:
         """Return the latest valid time of the messages of a topic that were processed, or 0."""
         return self._latest_valid_times.get(topic, 0)
 
-    def valid_until(self, name: str) -> int:
-        """Return the latest valid time of all messages that a stream is made of, or 0."""
-        return max(map(self.latest_valid_time, self.topics(name)), default=0)
-
     @property
     def latest_receipt(self) -> int:
         """The time at which the latest message was received, in nanoseconds, or 0."""

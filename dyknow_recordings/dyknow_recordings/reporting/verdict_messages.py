@@ -183,13 +183,6 @@ def diagnostic_status(status: EvaluationStatus, reporter: str) -> Any:
     )
 
 
-def diagnostics_message(time: int, statuses: Iterable[Any]) -> Any:
-    """Return the diagnoses of formulas as a DiagnosticArray."""
-    return message(
-        'diagnostic_msgs/msg/DiagnosticArray', header=header(time), status=list(statuses)
-    )
-
-
 def markers_message(time: int, frame: str, markers: Iterable[Marker], lifetime: int) -> Any:
     """Return markers, which viewers show for a lifetime, as a MarkerArray."""
     return message(

@@ -33,7 +33,7 @@ from dyknow_recordings.reporting.pictures.timeline import extent
 from dyknow_recordings.reporting.verdict_messages import (
     UNDECIDED,
     diagnostic_status,
-    diagnostics_message,
+    header,
     markers_message,
     message,
     message_types,
@@ -50,6 +50,7 @@ VIOLATIONS: Final = '/dyknow/violations'
 VERDICTS: Final = '/dyknow/verdicts'
 MARKERS: Final = '/dyknow/markers'
 DIAGNOSTICS: Final = '/diagnostics'
+_DIAGNOSES: Final = 'diagnostic_msgs/msg/DiagnosticArray'
 _REPORTER: Final = 'dyknow check'
 _MAX_TICKS: Final = 10_000
 """The number of regular reports, and of sets of markers; in longer recordings they are rarer."""
@@ -343,7 +344,7 @@ def _diagnostics(
         if current != before:
             diagnoses = [diagnostic_status(status, _REPORTER) for status in current]
             before = current
-        yield time, DIAGNOSTICS, diagnostics_message(time, diagnoses)
+        yield time, DIAGNOSTICS, message(_DIAGNOSES, header=header(time), status=diagnoses)
 
 
 def _numbers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterator[TimedMessage]:

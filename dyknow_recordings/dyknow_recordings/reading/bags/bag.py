@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -442,14 +442,8 @@ def merged(
         faults: where faults are counted.
     """
     upcoming: list[tuple[int, int, Callable[[], StoredMessages]]] = []
-
-    def advance(number: int) -> None:
-        following = next(sources[number], None)
-        if following is not None:
-            heapq.heappush(upcoming, (following[0], number, following[1]))
-
     for number in range(len(sources)):
-        advance(number)
+        _advance(sources, number, upcoming)
     pending: list[StoredMessages] = []
     reached: int | None = None
     while upcoming:
@@ -458,7 +452,7 @@ def merged(
             block = _without_compression(read(), place, topics, faults)
             count_steps_back(block.times, place, faults)
             pending.append(block)
-            advance(number)
+            _advance(sources, number, upcoming)
         messages = joined(pending)
         late = 0 if reached is None else int(np.searchsorted(messages.times, reached))
         if late:
@@ -472,6 +466,13 @@ def merged(
             count_silences(np.insert(batch.times, 0, first), place, faults)
             reached = int(batch.times[-1])
             yield batch
+
+
+def _advance(sources: Sequence[Iterator[StoredBlock]], number: int, upcoming: list[Any]) -> None:
+    """Add the next block of a source, if there is one, to the heap of those that are to be read."""
+    following = next(sources[number], None)
+    if following is not None:
+        heapq.heappush(upcoming, (following[0], number, following[1]))
 
 
 def _is_full(blocks: Sequence[StoredMessages]) -> bool:
