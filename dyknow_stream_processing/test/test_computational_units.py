@@ -85,6 +85,19 @@ def test_a_window_with_an_unknown_value_is_unknown(flow: Flow, unit: str) -> Non
 
 
 @pytest.mark.parametrize(
+    ('values', 'expected'),
+    [
+        ([1.7e308, 1.7e308, -1.7e308], [1.7e308, 1.7e308, 1.7e308 / 3]),
+        ([1.0, math.inf, 1.7e308], [1.0, math.inf, math.inf]),
+        ([math.inf, -math.inf, 1.7e308, 1.7e308], [math.inf, math.nan, math.nan, -math.inf]),
+    ],
+)
+def test_a_mean_is_one_of_floats(flow: Flow, values: list[float], expected: list[float]) -> None:
+    found = run(flow, 'mean', [{'x': x} for x in values], ', window = 1001 ms')
+    assert found == pytest.approx(expected, nan_ok=True)
+
+
+@pytest.mark.parametrize(
     ('unit', 'expected'),
     [
         ('mean', [(1000, 2.5), (1500, 3.5), (2000, 4.5)]),

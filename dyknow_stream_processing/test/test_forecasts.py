@@ -212,7 +212,8 @@ def test_a_kalman_filter_knows_how_well_it_forecasts() -> None:
 
 def test_a_kalman_filter_needs_two_values() -> None:
     filter_ = Kalman(acceleration=1.0, noise=0.0, horizon=1000 * MS, step=500 * MS)
-    assert filter_({'value': 1.0}, valid_time=0) is None
+    for value in (3.0, 1.0):  # Of one time.
+        assert filter_({'value': value}, valid_time=0) is None
     assert math.isnan(filter_({'value': math.nan}, valid_time=50 * MS) or 0.0)
     values, widths = filter_.forecast({'value': 2.0}, 100 * MS) or ([], [])
     assert values == pytest.approx([2.0, 7.0, 12.0])

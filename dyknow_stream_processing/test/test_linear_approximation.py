@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +27,14 @@ def test_numbers_lie_on_the_line_between_two_samples(flow: Flow) -> None:
         (4, {'a': 40.0, 'b': 60.0}),
         (8, {'a': 80.0, 'b': pytest.approx(20.0)}),
     ]
+
+
+def test_equal_infinities_have_nothing_between_them(flow: Flow) -> None:
+    """As of a range sensor that sees nothing."""
+    flow.create('sync("a") with approximation = linear, sample_period = 2 ms')
+    for time, x in ((0, 1.0), (3, math.inf), (5, math.inf), (7, -math.inf)):
+        flow.push('a', time, x=x)
+    assert repr([fields['x'] for _, fields in flow.take()]) == '[1.0, inf, inf, nan]'
 
 
 def test_what_is_no_number_keeps_its_latest_value(flow: Flow) -> None:

@@ -27,6 +27,24 @@ def test_streams_pass_them_on(flow: Flow) -> None:
     assert not flow.broken()
 
 
+@pytest.mark.parametrize(
+    'text',
+    [
+        'select x from "a" with max_delay = 1 ms, max_gap = 9 ms, expires = true',
+        'select x unless y > 3.0 from "a"',
+    ],
+)
+def test_numbers_that_may_be_unknown_may_be_open(flow: Flow, text: str) -> None:
+    flow.create(text)
+    flow.push('a', 0, x=either(1, 2.0), y=0.0)
+    flow.push('a', 1, x=either(1.0, True), y=0.0)
+    flow.push('a', 2, x=1, y=0.0)
+    flow.advance(4)
+    assert flow.take() == [(0, {'x': either(1, 2.0)}), (2, {'x': 1.0})]
+    (violation,) = flow.violations
+    assert 'true (boolean) is not a number' in violation.message
+
+
 def test_results_have_alternatives_too(flow: Flow) -> None:
     flow.create(
         'compunit p: float electrical_power((voltage: float, current: float)); '

@@ -194,7 +194,7 @@ DRAWN = st.tuples(
     st.sampled_from('aaabbce'),
     st.sampled_from([1, 1, 7, 20, 100]),
     st.sampled_from([0, 0, 1, 3, 50]),
-    st.sampled_from([0.0, 1.0, 1.5, 2.0, 2.5]),
+    st.sampled_from([0.0, 1.0, 1.5, 2.0, 2.5, np.inf]),
     st.sampled_from([0, 1, 2, 3]),
     st.sampled_from(
         [''] * 60 + ['late', 'ahead', 'equal', 'early', 'lacks', 'silent', 'int', 'text']
@@ -214,7 +214,7 @@ def messages_of(parts: list[Drawn]) -> list[list[Message]]:
             stamp += {'late': -90 * MS, 'ahead': 150 * MS}.get(odd, 0)
             stamp = {'equal': stamps[topic], 'early': stamps[topic] - MS}.get(odd, stamp)
             stamps[topic] = max(stamp, stamps[topic])
-            value: Value = {'int': int(v), 'text': 'x'}.get(odd, v)
+            value: Value = {'int': int(min(v, 9)), 'text': 'x'}.get(odd, v)
             fields: dict[str, Value] = {'v': value, 'w': w, 't': 'one' if w > 1 else 'two'}
             if odd == 'lacks':
                 del fields['v']

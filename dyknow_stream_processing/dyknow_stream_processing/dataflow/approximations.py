@@ -193,7 +193,8 @@ class LinearTrack(Track):
                 value = values[rows]
                 with np.errstate(all='ignore'):
                     between = value + (values[following] - value) * share
-                found[name] = np.where(ticks == before, value, between)
+                is_certain = (ticks == before) | (value == values[following])
+                found[name] = np.where(is_certain, value, between)
         return found
 
     def continue_from(self, position: int, times: Times, columns: Columns) -> None:
@@ -211,6 +212,7 @@ def _float_column(column: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 def _between(value: Value, following: Value | None, share: float) -> Value:
-    if isinstance(value, float) and isinstance(following, float):
+    # Between two equal infinities, there is no other number.
+    if isinstance(value, float) and isinstance(following, float) and value != following:
         return value + (following - value) * share
     return value

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from statistics import fmean
-from typing import Any
+from typing import Any, Final
 
 from dyknow_common import SECOND_NS, listed, unit_conversion
 from dyknow_space import SpaceError
 from dyknow_stream_processing.dataflow.built_in.transforms import checked_transform
 from dyknow_stream_processing.language.type_rules import Nanoseconds
+
+_SCALE: Final = 64
+"""The exponent of the power of two by which numbers are divided whose sum is too large."""
 
 
 def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
@@ -136,6 +139,8 @@ class RateOfChange(SlidingWindow):
 class WindowAggregate(SlidingWindow):
     """Base of the units that compute one number from all values in the window."""
 
+    _aggregate: Callable[..., float]
+
     def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
         """Return the aggregate of the window that ends with this sample; NaN if it holds NaN."""
         (value,) = number.values()
@@ -143,31 +148,32 @@ class WindowAggregate(SlidingWindow):
         samples.append((valid_time, value))
         while samples[0][0] <= begin:
             samples.popleft()
+        values = [each for _, each in samples]
         # The least and the greatest of numbers with NaN would depend on their order.
-        if any(math.isnan(each) for _, each in samples):
-            return math.nan
-        return self._aggregate(each for _, each in samples)
-
-    def _aggregate(self, values: Iterable[float]) -> float:
-        raise NotImplementedError
-
-
-class Mean(WindowAggregate):
-    """The mean of the values in the window."""
-
-    def _aggregate(self, values: Iterable[float]) -> float:
-        return fmean(values)
+        return math.nan if any(map(math.isnan, values)) else self._aggregate(values)
 
 
 class Minimum(WindowAggregate):
     """The least value in the window."""
 
-    def _aggregate(self, values: Iterable[float]) -> float:
-        return min(values)
+    _aggregate = staticmethod(min)
 
 
 class Maximum(WindowAggregate):
     """The greatest value in the window."""
 
-    def _aggregate(self, values: Iterable[float]) -> float:
-        return max(values)
+    _aggregate = staticmethod(max)
+
+
+class Mean(WindowAggregate):
+    """The mean of the values in the window; NaN if infinities of both signs are among them."""
+
+    @staticmethod
+    def _aggregate(values: Sequence[float]) -> float:
+        if math.inf in values and -math.inf in values:
+            return math.nan
+        try:
+            return fmean(values)
+        except OverflowError:  # The sum is too large for a float; the mean is not.
+            scaled = fmean(math.ldexp(each, -_SCALE) for each in values)
+            return math.ldexp(scaled, _SCALE)

@@ -246,10 +246,7 @@ class ExpiryOperator(DistanceOperator):
     def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to pass all samples on, if no value expires."""
         (batch,) = inputs
-        try:
-            columns = {name: as_floats(column) for name, column in batch.columns.items()}
-        except StreamError:
-            refuse(Refusal.VALUE)
+        columns = {name: as_floats(column) for name, column in batch.columns.items()}
         return super().step_many([replace(batch, columns=columns)], end)
 
     def _missing_at(self) -> int | None:

@@ -276,14 +276,14 @@ class Kalman(Forecast):
         self._covariance = np.zeros((2, 2))
 
     def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats] | None:
-        """Correct the estimate by `value`; None for the first sample, which tells no rate."""
+        """Correct the estimate by `value`; None at the first time, which tells no rate."""
         value = fields['value']
         if not math.isfinite(value):
             # As with other units, an unknown value gives an unknown result; the filter waits.
             unknown = np.full_like(self.times, math.nan)
             return unknown, unknown
         last, self._time = self._time, valid_time
-        if last is None:
+        if last is None or (last == valid_time and math.isnan(self._state[1])):
             self._state = np.array([value, math.nan])
             return None
         elapsed = (valid_time - last) / SECOND_NS

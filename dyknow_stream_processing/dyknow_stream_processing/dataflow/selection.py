@@ -221,23 +221,28 @@ def _reader(selection: Selection) -> Callable[[Mapping[str, Value]], Value]:
     return lambda fields: math.nan if test(fields[tested]) else as_float(fields[field])
 
 
-def as_float(value: Value) -> float:
-    """Return a number that may be unknown, as a float.
+def as_float(value: Value) -> float | Alternatives:
+    """Return a number that may be unknown, as a float; one of several numbers as it is.
 
     Raises:
         StreamError: if it is no number.
     """
-    if isinstance(value, bool | str):
-        found = f'{value_text(value)} ({ValueType.of(value)})'
-        raise StreamError(f'{found} is not a number, and only numbers may be unknown')
-    return float(value)
+    for each in value.values if isinstance(value, Alternatives) else (value,):
+        if isinstance(each, bool | str):
+            found = f'{value_text(each)} ({ValueType.of(each)})'
+            raise StreamError(f'{found} is not a number, and only numbers may be unknown')
+    return value if isinstance(value, Alternatives) else float(value)
 
 
 def as_floats(column: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Return numbers that may be unknown, as floats; see `as_float`."""
-    if column.dtype.kind in 'if':
-        return column.astype(np.float64)
-    return np.array(list(map(as_float, column.tolist())), np.float64)
+    """Return numbers that may be unknown, as floats; see `as_float`.
+
+    Raises:
+        NeedsStepsError: if one is no number, or one of several.
+    """
+    if column.dtype.kind not in 'if' and not {*map(type, column.tolist())} <= {int, float}:
+        refuse(Refusal.VALUE)
+    return column.astype(np.float64)
 
 
 def condition_test(condition: Condition) -> Callable[[Value], bool]:
