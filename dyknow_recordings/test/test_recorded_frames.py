@@ -183,7 +183,7 @@ def test_the_rate_of_a_topic_in_a_formula(
     found, explanation, _ = outcome(path, 'always rate("/tf", 2 s).hz > 8 Hz')
     assert found is verdict, explanation
     if verdict is Verdict.FALSE:
-        assert explanation.startswith('rate("/tf", 2 s).hz = 7.5 at 1700000005.400 s is not > 8')
+        assert explanation.startswith('rate("/tf", 2 s).hz = 8.0 at 1700000005.400 s is not > 8')
 
 
 def test_a_position_by_tf_is_on_the_map(tmp_path: Path) -> None:

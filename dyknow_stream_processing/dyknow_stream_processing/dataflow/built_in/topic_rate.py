@@ -16,10 +16,11 @@ _SAMPLES: Final = 10
 
 
 class RateOperator(SynchronisedOperator):
-    """The number of messages in the window that ends at each tick, by its length.
+    """The number of messages in the window before each tick, by its length.
 
-    Ticks count from the first message. There is no sample before a whole window has passed, and
-    the message at its start is not in it: so 10 Hz are 10 messages in 1 s.
+    Ticks count from the first message, and there is no sample before a whole window has passed. A
+    message at a tick is not in the window that ends there: so 10 Hz are 10 messages in 1 s, and no
+    tick need wait for a second message of its time.
 
     Args:
         window: its length, nanoseconds.
@@ -37,7 +38,10 @@ class RateOperator(SynchronisedOperator):
     ) -> None:
         """Note the time of a message, and make the samples that it makes certain."""
         self._times.append(valid_time)
-        super().receive(port, valid_time, fields, watermark, now)
+        if valid_time > max(self._tracks[port].last[0], self._last_tick):
+            super().receive(port, valid_time, fields, watermark, now)
+        else:  # A second message of a time counts, but settles no more than the first one.
+            self.promise(port, watermark, now)
 
     def obstacle(self, name: Callable[[Operator], str]) -> str:
         """Return that the first window has not passed, or what delays the next sample."""
@@ -51,9 +55,9 @@ class RateOperator(SynchronisedOperator):
         if self._first is None:
             self._first = valid_time
         times, begin = self._times, valid_time - self._window
-        while times and times[0] <= begin:
+        while times and times[0] < begin:
             times.popleft()
         if self._first <= begin:
-            early = sum(1 for _ in takewhile(lambda each: each > valid_time, reversed(times)))
-            hz = (len(times) - early) * SECOND_NS / self._window
+            later = sum(1 for _ in takewhile(lambda each: each >= valid_time, reversed(times)))
+            hz = (len(times) - later) * SECOND_NS / self._window
             self._emit(valid_time, {'hz': hz}, valid_time, now)
