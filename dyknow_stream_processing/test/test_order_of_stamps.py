@@ -96,10 +96,11 @@ def test_the_robots_of_one_publisher_are_ordered_by_themselves(flow: Flow) -> No
     assert (flow.times(), flow.violations) == ([5, 7], [])
 
 
-def test_samples_of_another_engine_come_in_the_order_of_its_stream(flow: Flow) -> None:
+@pytest.mark.parametrize('text', ['"a" with max_delay = 10 ms', '"a"', 'sync("a")'])
+def test_samples_of_another_engine_come_in_the_order_of_its_stream(flow: Flow, text: str) -> None:
     """A merge is published as its samples come; the watermarks tell what is complete."""
     flow.ordered_topics.add('a')
-    flow.create('"a" with max_delay = 10 ms')
+    flow.create(text)
     flow.push('a', 5, 6, watermark=2, x=1)
     flow.push('a', 3, 7, watermark=3, x=2)
     assert (flow.times(), flow.violations) == ([3], [])

@@ -40,6 +40,8 @@ MADE = {
     'receipt': 'select n as n from "receipt"',
     'unit': 'compunit m: float maximum((n: float)); '
     'sink maximum(select n as n from "a" with max_delay = 6 ns)',
+    'merge': 'merge((select n as n from "a" where n > 5 with max_delay = 12 ns), '
+    '(select n as n from "a" where n <= 5 with max_delay = 6 ns))',
 }
 READ = {
     'latest': 'sync((select {0} as a from {1}), (select n as b from "b" with max_delay = 3 ns))',

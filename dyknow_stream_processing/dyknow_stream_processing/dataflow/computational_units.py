@@ -271,7 +271,7 @@ class UnitOperator(SynchronisedOperator):
     ) -> None:
         """Compute at once if there is only one input; otherwise synchronise."""
         if len(self.inputs) == 1:
-            self._tick(valid_time, [fields], now)
+            self._compute(valid_time, [fields], watermark, now)
             self._promise(watermark, now)
         else:
             super().receive(port, valid_time, fields, watermark, now)
@@ -302,6 +302,9 @@ class UnitOperator(SynchronisedOperator):
         return Planned(output, self.inputs[0].watermark)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
+        self._compute(valid_time, values, valid_time, now)
+
+    def _compute(self, valid_time: int, values: Values, watermark: int, now: int) -> None:
         if self._first is None:
             self._first = valid_time
         try:
@@ -332,7 +335,7 @@ class UnitOperator(SynchronisedOperator):
         else:
             is_partial = self._is_recreated and valid_time - self._first < self.call.window
             if result is not None and not is_partial:
-                self._emit(valid_time, result, self.watermark, now)
+                self._emit(valid_time, result, watermark, now)
 
 
 def _instance(unit: Unit, name: str, arguments: Mapping[str, Value]) -> Any:

@@ -114,96 +114,6 @@ class LeadOperator(Operator):
         return True
 
 
-class OrderOperator(LeadOperator):
-    """Filter that also drops each sample that is too late, or older than its predecessor.
-
-    Messages of several publishers may arrive out of the order in which they were sent; each then
-    counts as sent with the latest one. With times of sending, the clock makes a time certain.
-
-    Args:
-        max_lead, is_default: see `LeadOperator`.
-        delays: the delays up to which a sample is passed on.
-    """
-
-    _sorts = True
-
-    def __init__(
-        self,
-        wiring: Wiring,
-        max_lead: int,
-        is_default: bool,  # noqa: FBT001
-        delays: DelayLimits,
-    ) -> None:
-        super().__init__(wiring, max_lead, is_default)
-        (self._topic,) = self.sources
-        self._delays, self._least_delay = delays, min(delays)
-        self._latest = BEGINNING
-
-    def receive(
-        self,
-        port: int,  # noqa: ARG002
-        valid_time: int,
-        fields: Mapping[str, Value],
-        watermark: int,
-        now: int,
-    ) -> None:
-        """Pass a sample on unless it is too far ahead, too late, or a later one was passed on."""
-        if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
-            return
-        if now - valid_time > self._least_delay and self._reject_late(valid_time, now):
-            return
-        if valid_time < self._latest:
-            if self._topic.is_initial:  # A later message is kept, too, by another publisher.
-                self._drop('superseded')
-                return
-            if not self._topic.has_sent_times:
-                mend = 'with a max_delay and reorder = true, samples are put in order'
-                self._reject(_out_of_order(valid_time, self._latest, mend))
-                return
-            valid_time = self._latest
-        self._latest = valid_time
-        self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
-
-    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
-        """Plan to pass all samples on, if they are in order and in time."""
-        batch = super().step_many(inputs, end).output
-        times, receipts = batch.valid_times, self._receipts(batch)
-        allowed, delays = self._topic.allowed_delay(self._delays), receipts - times
-        if ((delays > allowed) & (delays <= OTHER_CLOCK_NS)).any():
-            refuse(Refusal.DELAY)
-        if not is_increasing(times, self._latest):
-            refuse(Refusal.ORDER)
-        last = int(times[-1]) if len(times) else self._latest
-
-        def adopt() -> None:
-            self._latest = last
-
-        ways = [batch.settled, by_samples(times, receipts)]
-        if self._topic.has_sent_times:
-            ways.append(by_clock(self._delays.sent + 1))
-        return Planned(replace(batch, settled=earliest(*ways)), last, adopt)
-
-    def certain_at(self, valid_time: int) -> int | None:
-        """Return the time at which no message is on its way that was sent until then."""
-        if valid_time > self.watermark and self._topic.has_sent_times:
-            return valid_time + self._delays.sent + 1
-        return super().certain_at(valid_time)
-
-    def certain_until(self, now: int) -> int:
-        """Return the time until which all messages that were sent have been received."""
-        certain = super().certain_until(now)
-        return max(certain, now - self._delays.sent - 1) if self._topic.has_sent_times else certain
-
-    def _reject_late(self, valid_time: int, now: int) -> bool:
-        """Reject a sample that is later than its source allows; return False if it is not."""
-        delay, allowed = now - valid_time, self._topic.allowed_delay(self._delays)
-        if delay <= allowed or delay > OTHER_CLOCK_NS:
-            return False
-        after = 'after it was sent' if self._topic.has_sent_times else 'after its stamp'
-        self._reject(too_late(valid_time, delay, allowed, after))
-        return True
-
-
 class ArrivalOperator(LeadOperator):
     """Filter of samples that a consumer puts in order, with promises where they come in order.
 
@@ -461,6 +371,94 @@ class ReorderOperator(Operator):
     def _plan(self) -> None:
         if (due := self._due()) is not None:
             self._scheduler.wake_at(self, due)
+
+
+class OrderOperator(LeadOperator, ReorderOperator):
+    """Filter that also drops each sample that is too late, or older than its predecessor.
+
+    Messages of several publishers may arrive out of the order in which they were sent; each then
+    counts as sent with the latest one. With times of sending, the clock makes a time certain.
+    Samples of another engine come in any order; each waits for the watermark of that engine.
+
+    Args:
+        max_lead, is_default: see `LeadOperator`.
+        delays: the delays up to which a sample is passed on.
+    """
+
+    _sorts = True
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        max_lead: int,
+        is_default: bool,  # noqa: FBT001
+        delays: DelayLimits,
+    ) -> None:
+        super().__init__(wiring, max_lead, is_default)
+        (self._topic,) = self.sources
+        self._delays, self._least_delay = delays, min(delays)
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass a sample on unless it is too far ahead, too late, or a later one was passed on."""
+        if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
+            return
+        if now - valid_time > self._least_delay and self._reject_late(valid_time, now):
+            return
+        if self.vouched:
+            ReorderOperator.receive(self, port, valid_time, fields, watermark, now)
+            return
+        if valid_time < self._released:
+            if self._topic.is_initial:  # A later message is kept, too, by another publisher.
+                self._drop('superseded')
+                return
+            if not self._topic.has_sent_times:
+                mend = 'with a max_delay and reorder = true, samples are put in order'
+                self._reject(_out_of_order(valid_time, self._released, mend))
+                return
+            valid_time = self._released
+        self._released = valid_time
+        self._emit(valid_time, fields, valid_time, now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
+        """Plan to pass all samples on, if they are in order and in time."""
+        batch = super().step_many(inputs, end).output
+        times, receipts = batch.valid_times, self._receipts(batch)
+        allowed, delays = self._topic.allowed_delay(self._delays), receipts - times
+        if ((delays > allowed) & (delays <= OTHER_CLOCK_NS)).any():
+            refuse(Refusal.DELAY)
+        if not is_increasing(times, self._released):
+            refuse(Refusal.ORDER)
+        last = int(times[-1]) if len(times) else self._released
+
+        def adopt() -> None:
+            self._released = last
+
+        ways = [batch.settled, by_samples(times, receipts)]
+        if self._topic.has_sent_times:
+            ways.append(by_clock(self._delays.sent + 1))
+        return Planned(replace(batch, settled=earliest(*ways)), last, adopt)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """Return the time at which no message is on its way that was sent until then."""
+        if valid_time > self.watermark and self._topic.has_sent_times:
+            return valid_time + self._delays.sent + 1
+        return super().certain_at(valid_time)
+
+    def certain_until(self, now: int) -> int:
+        """Return the time until which all messages that were sent have been received."""
+        certain = super().certain_until(now)
+        return max(certain, now - self._delays.sent - 1) if self._topic.has_sent_times else certain
+
+    def _reject_late(self, valid_time: int, now: int) -> bool:
+        """Reject a sample that is later than its source allows; return False if it is not."""
+        delay, allowed = now - valid_time, self._topic.allowed_delay(self._delays)
+        if delay <= allowed or delay > OTHER_CLOCK_NS:
+            return False
+        after = 'after it was sent' if self._topic.has_sent_times else 'after its stamp'
+        self._reject(too_late(valid_time, delay, allowed, after))
+        return True
 
 
 class BoundsOperator(Operator):
