@@ -150,9 +150,10 @@ class Dataflow:
 
     def destroy(self, name: str) -> None:
         """Stop a stream and free the operators that no other stream uses."""
-        self._find(name).detach()
+        stream = self._find(name)
+        stream.detach()
         del self._streams[name]
-        self._graph.sweep()
+        self._graph.sweep(stream.operators)
 
     def names(self) -> tuple[str, ...]:
         """Return the streams, in the order of their creation."""
@@ -258,7 +259,6 @@ class Dataflow:
             if source.is_owed and source.emitted_at is None:
                 source.push(sample.valid_time, sample.fields, scheduler.now, False, None, True)
         scheduler.run(scheduler.now)
-        self._graph.note_owed()
 
     def step_many(self, messages: Mapping[str, SampleBatch], end: int) -> Mapping[str, SampleBatch]:
         """Process messages as columns, and the time until the last one, as `push` would.
@@ -348,7 +348,7 @@ class Dataflow:
         found = [each for each in self._streams.values() if not topics.isdisjoint(each.topics)]
         for each in found:
             each.detach()
-        self._graph.sweep()
+        self._graph.sweep(operator for each in found for operator in each.operators)
         for each in found:
             each.operators.clear()
             each.attach(self._graph.connect(each.resolved.term))

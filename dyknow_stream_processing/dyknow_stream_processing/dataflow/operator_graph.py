@@ -94,10 +94,10 @@ class OperatorGraph:
         self._max_lead = max_lead
         self._delays = delays
         self._operators: dict[Hashable, Operator] = {}
-        self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
+        self._keys: dict[Operator, Hashable] = {}
+        self._new: list[Operator] = []
+        self.sources: dict[str, tuple[SourceOperator, ...]] = {}
         """The source operators of each topic."""
-        self.owed: frozenset[str] = frozenset()
-        """The topics with an operator that lacks a kept value which former ones have received."""
 
     def connect(self, term: Term) -> Operator:
         """Return the operator that emits a stream; attach a listener before the next `sweep`.
@@ -107,28 +107,26 @@ class OperatorGraph:
         """
         return self._constrained(term, may_be_late=False)
 
-    def sweep(self) -> None:
-        """Remove every operator whose samples are not used."""
-        by_rank = sorted(self._operators.items(), key=lambda item: item[1].rank, reverse=True)
-        for key, operator in by_rank:
+    def sweep(self, former: Iterable[Operator] = ()) -> None:
+        """Remove every operator whose samples are not used, of some and of the new ones."""
+        some = {*former, *self._new}
+        self._new.clear()
+        for operator in sorted(some, key=lambda each: each.rank, reverse=True):
             if not operator.consumers and not operator.listeners:
-                del self._operators[key]
+                del self._operators[self._keys.pop(operator)]
                 self._scheduler.forget(operator)
                 for each in operator.inputs:
                     each.consumers = [entry for entry in each.consumers if entry[0] is not operator]
-        sources: dict[str, tuple[SourceOperator, ...]] = {}
-        for operator in self._operators.values():
-            if isinstance(operator, SourceOperator):
-                sources[operator.label] = (*sources.get(operator.label, ()), operator)
-        self.sources = sources
-        self.note_owed()
+                if isinstance(operator, SourceOperator):
+                    sources = self.sources.pop(operator.label)
+                    if others := tuple(each for each in sources if each is not operator):
+                        self.sources[operator.label] = others
 
-    def note_owed(self) -> None:
-        """Find the topics with a source that still lacks a kept value."""
+    @property
+    def owed(self) -> frozenset[str]:
+        """The topics with an operator that lacks a kept value which former ones have received."""
         found = (each for sources in self.sources.values() for each in sources)
-        self.owed = frozenset(
-            each.label for each in found if each.is_owed and each.emitted_at is None
-        )
+        return frozenset(each.label for each in found if each.is_owed and each.emitted_at is None)
 
     def ticks(self) -> Mapping[TickKey, int]:
         """Return the next tick of each periodic `sync` that has begun."""
@@ -259,10 +257,11 @@ class OperatorGraph:
         key = _key(SourceOperator, label, [], type_.receipt_time)
         former = self._operators.get(key)
         if type_.is_kept and former is not None and former.emitted_at is not None:
-            self._operators[key, id(former)] = self._operators.pop(key)
+            self._keys[former] = key, id(former)
+            self._operators[self._keys[former]] = self._operators.pop(key)
+        has_passed = any(each.emitted_at is not None for each in self.sources.get(label, ()))
         operator = self._operator(SourceOperator, label, [], type_.receipt_time)
         source = cast('SourceOperator', operator)
-        has_passed = any(each.emitted_at is not None for each in self.sources.get(label, ()))
         if type_.is_kept and has_passed:
             source.is_owed = True
         return source
@@ -319,6 +318,10 @@ class OperatorGraph:
         if key not in self._operators:
             wiring = Wiring(self._scheduler, label, tuple(inputs))
             operator = self._operators[key] = kind(wiring, *details)
+            self._keys[operator] = key
+            self._new.append(operator)
+            if isinstance(operator, SourceOperator):
+                self.sources[label] = (*self.sources.get(label, ()), operator)
             for port, each in enumerate(inputs):
                 each.consumers.append((operator, port))
         return self._operators[key]
