@@ -125,14 +125,16 @@ def round_duration(nanoseconds: int, unlike: int | None = None) -> str:
     if unlike is not None and unlike != nanoseconds:
         while _rounded(nanoseconds, digits) == _rounded(unlike, digits):
             digits += 1
-    return ' '.join(map(str, _rounded(nanoseconds, digits)))
+    amount, unit = _rounded(nanoseconds, digits)
+    return f'{amount:f} {unit}'
 
 
 def _rounded(nanoseconds: int, digits: int) -> tuple[Decimal, str]:
     for unit in ('s', 'ms', 'us'):
-        if abs(nanoseconds) >= NANOSECONDS[unit]:
-            amount = Decimal(nanoseconds) / NANOSECONDS[unit]
-            return Decimal(f'{amount:.{max(digits, len(str(abs(int(amount)))))}g}'), unit
+        amount = Decimal(nanoseconds) / NANOSECONDS[unit]
+        rounded = Decimal(f'{amount:.{max(digits, len(str(abs(int(amount)))))}g}')
+        if abs(rounded) >= 1:
+            return rounded, unit
     return Decimal(nanoseconds), 'ns'
 
 

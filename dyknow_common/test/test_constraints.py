@@ -95,9 +95,13 @@ def test_a_part_may_make_sense_only_together() -> None:
         (500_000_001, 500_000_000, '500.000001 ms'),
         (500_400_000, 400_000_000, '500 ms'),
         (500_000_000, 500_000_000, '500 ms'),
+        (999_999, None, '1.00 ms'),
+        (-999_999_999, None, '-1.00 s'),
+        (999_999_999, 1_000_000_000, '999.999999 ms'),
+        (9_999_990_000_000, None, '10000 s'),
     ],
 )
 def test_what_breaks_a_constraint_does_not_look_like_it(
-    observed: int, allowed: int, expected: str
+    observed: int, allowed: int | None, expected: str
 ) -> None:
     assert round_duration(observed, allowed) == expected
