@@ -64,6 +64,13 @@ def test_the_clock_does_not_settle_a_line(flow: Flow) -> None:
     assert flow.take() == [(5, {'a': 5.0, 'b': 5.0})]
 
 
+def test_other_engines_hear_how_far_a_line_is_known(flow: Flow) -> None:
+    flow.create('sync("a") with approximation = linear, sample_period = 10 ms')
+    flow.feed('a', [0, 8])
+    assert flow.times() == [0]
+    assert flow.dataflow.watermark('s') == 8_000_000
+
+
 def test_integers_become_floats_for_those_who_use_them(flow_class: type[Flow]) -> None:
     flow = flow_class({'unit': lambda n: n['n']})
     flow.types = {'a': {'n': ValueType.INT}}

@@ -442,8 +442,8 @@ class LinearSyncOperator(SyncOperator):
         return BEGINNING if valid_time <= self.watermark else None
 
     def certain_until(self, now: int) -> int:  # noqa: ARG002
-        """Return the watermark, as only samples can make a later time certain."""
-        return self.watermark
+        """Return the time until which samples, not the clock, have settled all inputs."""
+        return max(self.watermark, self._horizon())
 
 
 def _first_tick(earliest: int, tick: int, period: int) -> int:
