@@ -57,8 +57,7 @@ class Track:
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
         """Add a sample after the position, and the promise that it carries."""
         self.waiting.append((valid_time, fields))
-        if watermark > self.settled:
-            self.settled = watermark
+        self.promise(watermark)
 
     @property
     def last(self) -> tuple[int, Mapping[str, Value] | None]:
@@ -135,11 +134,6 @@ class LinearTrack(Track):
     def __init__(self, source: Operator) -> None:
         super().__init__(source)
         self.settled = BEGINNING
-
-    def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
-        """Add a sample after the position, and the promise that it carries."""
-        self.waiting.append((valid_time, fields))
-        self.promise(watermark)
 
     def promise(self, watermark: int) -> None:
         """Process a promise; it counts if it covers the last sample."""

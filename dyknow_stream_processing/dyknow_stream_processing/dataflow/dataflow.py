@@ -21,6 +21,7 @@ from dyknow_stream_processing.dataflow.operators import (
     UNKNOWN_TYPE,
     DelayLimits,
     Operator,
+    SourceOperator,
     SourceType,
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
@@ -96,7 +97,11 @@ class Dataflow:
     def _reset(self) -> None:
         self._scheduler = Scheduler()
         self._graph = OperatorGraph(
-            self._scheduler, self._units, self._type_of, self.max_lead, self.delays
+            self._scheduler,
+            self._units,
+            lambda topic: self._source_type(topic) or UNKNOWN_TYPE,
+            self.max_lead,
+            self.delays,
         )
 
     def create(
@@ -228,18 +233,9 @@ class Dataflow:
             is_initial: True if it was sent before the topic was subscribed to: a publisher keeps
                 it for late subscribers. It is the value since its stamp, and never late.
         """
-        scheduler = self._scheduler
-        scheduler.run(sample.available_time)
-        for source in self._graph.sources.get(topic, ()):
-            source.push(
-                sample.valid_time,
-                sample.fields,
-                scheduler.now,
-                is_checked,
-                sample.watermark,
-                is_initial,
-            )
-        scheduler.run(scheduler.now)
+        valid_time, fields, watermark = sample.valid_time, sample.fields, sample.watermark
+        for source, now in self._sources_at(topic, sample.available_time):
+            source.push(valid_time, fields, now, is_checked, watermark, is_initial)
 
     @property
     def owed(self) -> frozenset[str]:
@@ -253,12 +249,9 @@ class Dataflow:
             topic: its name.
             sample: its available time is now; it is treated as initial, see `push`.
         """
-        scheduler = self._scheduler
-        scheduler.run(sample.available_time)
-        for source in self._graph.sources.get(topic, ()):
+        for source, now in self._sources_at(topic, sample.available_time):
             if source.is_owed and source.emitted_at is None:
-                source.push(sample.valid_time, sample.fields, scheduler.now, False, None, True)
-        scheduler.run(scheduler.now)
+                source.push(sample.valid_time, sample.fields, now, False, None, True)
 
     def step_many(self, messages: Mapping[str, SampleBatch], end: int) -> Mapping[str, SampleBatch]:
         """Process messages as columns, and the time until the last one, as `push` would.
@@ -292,11 +285,8 @@ class Dataflow:
             watermark: the time, in nanoseconds, before which no later sample is valid.
             now: the time of receipt.
         """
-        scheduler = self._scheduler
-        scheduler.run(now)
-        for source in self._graph.sources.get(topic, ()):
-            source.vouch(watermark, scheduler.now)
-        scheduler.run(scheduler.now)
+        for source, latest in self._sources_at(topic, now):
+            source.vouch(watermark, latest)
 
     def watermark(self, name: str) -> int:
         """Return the valid time until which a stream has delivered all of its samples.
@@ -368,12 +358,17 @@ class Dataflow:
             raise unknown_stream(name, self._streams)
         return self._streams[name]
 
+    def _sources_at(self, topic: str, now: int) -> Iterator[tuple[SourceOperator, int]]:
+        """Yield the sources of a topic with the time, after and before the work that is due."""
+        scheduler = self._scheduler
+        scheduler.run(now)
+        for source in self._graph.sources.get(topic, ()):
+            yield source, scheduler.now
+        scheduler.run(scheduler.now)
+
     def _fields_of(self, topic: str) -> Fields | None:
         source = self._source_type(topic)
         return None if source is None else source.fields
-
-    def _type_of(self, topic: str) -> SourceType:
-        return self._source_type(topic) or UNKNOWN_TYPE
 
 
 @dataclass(eq=False)

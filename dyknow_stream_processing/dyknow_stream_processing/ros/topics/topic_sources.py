@@ -33,6 +33,7 @@ from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import (
     TopicNames,
     find_publication,
+    is_kept,
     type_of_class,
 )
 from dyknow_stream_processing.sample import Sample, WholeMessage
@@ -392,15 +393,12 @@ class _Source:
 
     def kept_sample(self, now: int) -> Sample | None:
         """Return the sample that a new subscription would receive now; None if there is none."""
-        if self.kept is None or self.extract is None:
+        if self.kept is None or self.extract is None or not is_kept(self.node, self.topic):
             return None
         try:
-            publication = find_publication(self.node, self.topic)
-            fields = self.extract(self.kept.message)
+            return Sample(self.kept.valid_time, now, self.extract(self.kept.message))
         except StreamError:
             return None  # It is reported with the next message.
-        is_there = publication is not None and publication.latched
-        return Sample(self.kept.valid_time, now, fields) if is_there else None
 
     def on_watermark(self, watermark: int, now: int) -> None:
         self.promised = watermark
