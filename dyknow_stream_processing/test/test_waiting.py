@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from recorded_flow import MILLISECOND, Flow
 
+from dyknow_stream_processing.dataflow.operators import NormalWait
+
 LONG_AGO = -1
 
 
@@ -67,6 +69,19 @@ def test_the_where_of_an_input_is_named(flow: Flow) -> None:
     flow.push('fleet', 1, id=1, x=1)
     flow.push('b', 1, y=1)
     assert reasons(flow) == ['no sample of fleet satisfies id = 7 (the last has id = 1)']
+
+
+def test_the_first_window_of_a_rate_is_a_normal_wait(flow: Flow) -> None:
+    flow.create('sync(rate("a", 5 s), "b")')
+    assert reasons(flow) == ['no a', 'no b']
+    for time in (1, 3000, 4000, 5900):
+        flow.push('a', time)
+        flow.push('b', time, x=1)
+    (reason,) = flow.dataflow.waits_for('s', LONG_AGO, str)
+    assert reason == 'the rate of a has its first value 5 s after the first message'
+    assert isinstance(reason, NormalWait)
+    flow.push('a', 6100)
+    assert flow.times() == [5001]
 
 
 def test_dropped_samples_are_the_reason(flow: Flow) -> None:

@@ -45,6 +45,12 @@ NO_PROMISE: Final = BEGINNING - 1
 """The watermark of samples from operators that make no promises."""
 
 
+class NormalWait(str):
+    """The reason that a stream has no samples yet, where nothing is at fault."""
+
+    __slots__ = ()
+
+
 class StreamObserver(Protocol):
     """A stream, as the operators that it is made of see it."""
 

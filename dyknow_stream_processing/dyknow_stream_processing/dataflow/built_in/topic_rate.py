@@ -8,7 +8,7 @@ from itertools import takewhile
 from typing import Final
 
 from dyknow_common import SECOND_NS, Value, format_duration
-from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.dataflow.operators import NormalWait, Operator, Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 
 _SAMPLES: Final = 10
@@ -43,12 +43,14 @@ class RateOperator(SynchronisedOperator):
         else:  # A second message of a time counts, but settles no more than the first one.
             self.promise(port, watermark, now)
 
-    def obstacle(self, name: Callable[[Operator], str]) -> str:
+    def delay(self, name: Callable[[Operator], str]) -> str:
         """Return that the first window has not passed, or what delays the next sample."""
-        if self._first is not None and self.emitted_at is None:
+        if self._times and self.emitted_at is None:
             window = format_duration(self._window)
-            return f'{name(self)} has its first value {window} after its first message'
-        return super().obstacle(name)
+            return NormalWait(
+                f'the rate of {name(self)} has its first value {window} after the first message'
+            )
+        return super().delay(name)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         del values

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from dyknow_common import format_duration, with_readable_times
 from dyknow_common.ros import DyKnowNode, LogOnce
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
+from dyknow_stream_processing.dataflow.operators import NormalWait
 from dyknow_stream_processing.reporting.silence import (
     MAX_LAG_NS,
     SILENT_PERIODS,
@@ -66,7 +67,7 @@ class WaitingStreams:
         shown = visible or names
         more = ', ...' if len(shown) > _MAX_LISTED else ''
         text = f'{with_readable_times(reason)}; this delays: {", ".join(shown[:_MAX_LISTED])}{more}'
-        if visible:
+        if visible and not isinstance(reason, NormalWait):
             self._node.get_logger().warning(text)
         else:
             # The coordinator warns of the formulas that no state comes for.
