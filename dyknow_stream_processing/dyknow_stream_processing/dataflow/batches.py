@@ -81,13 +81,7 @@ class SampleBatch:
             return self.receipts
         return self.settled(self.valid_times, self.valid_times)
 
-    def latest_emission(self) -> int | None:
-        """Return when the last sample is emitted; None without one."""
-        last = self.valid_times[-1:]
-        times = self.settled(last, last) if self.receipts is None else self.receipts
-        return int(times[-1]) if len(times) else None
-
-    def rows(self, found: NDArray[np.bool_] | NDArray[np.intp]) -> SampleBatch:
+    def rows(self, found: NDArray[np.bool_] | NDArray[np.intp] | slice) -> SampleBatch:
         """Return some of the samples."""
         columns = {name: column[found] for name, column in self.columns.items()}
         receipts = None if self.receipts is None else self.receipts[found]

@@ -11,7 +11,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, listed
+from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, listed, shortened
 from dyknow_stream_processing.dataflow.batches import Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
@@ -500,8 +500,7 @@ def waiting_reasons(
     """
 
     def name(each: Operator) -> str:
-        text = name_of(each.label)
-        return text if len(text) <= _MAX_NAME else f'{text[:_MAX_NAME]}...'
+        return shortened(name_of(each.label), _MAX_NAME)
 
     if not operator.inputs:
         if reason := topic_reason(operator.label):

@@ -167,8 +167,8 @@ class OperatorGraph:
             raise
         for each, plan in plans.items():
             plan.adopt()
-            emitted_at = plan.output.latest_emission()
-            each.emitted_at = each.emitted_at if emitted_at is None else emitted_at
+            for latest in plan.output.rows(slice(-1, None)).emission_times():
+                each.emitted_at = int(latest)
         return {each: plan.output for each, plan in plans.items()}
 
     def _synchronised(self) -> list[SyncOperator]:

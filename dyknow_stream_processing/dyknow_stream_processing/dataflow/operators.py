@@ -381,7 +381,7 @@ class MergeOperator(Operator):
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
         """Pass a sample on; the input with the lowest watermark determines the promise."""
-        self._raise_watermark(port, watermark)
+        self._watermarks[port] = max(self._watermarks[port], watermark)
         self._emit(valid_time, fields, min(self._watermarks), now)
 
     def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
@@ -411,12 +411,8 @@ class MergeOperator(Operator):
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Promise the lowest watermark of the inputs."""
-        self._raise_watermark(port, watermark)
+        self._watermarks[port] = max(self._watermarks[port], watermark)
         self._promise(min(self._watermarks), now)
-
-    def _raise_watermark(self, port: int, watermark: int) -> None:
-        if watermark > self._watermarks[port]:
-            self._watermarks[port] = watermark
 
 
 def _broken_promise(valid_time: int, watermark: int) -> Fault:

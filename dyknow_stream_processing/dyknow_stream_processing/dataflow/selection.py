@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import COMPARISONS, Alternatives, Value, ValueType, value_text
+from dyknow_common import COMPARISONS, Alternatives, Value, ValueType, shortened, value_text
 from dyknow_stream_processing.dataflow.batches import (
     Planned,
     Refusal,
@@ -80,8 +80,7 @@ class SelectOperator(Operator):
             message = error.message
         else:
             self._emitted = valid_time
-            is_covered = self.in_order or watermark == valid_time
-            self._emit(valid_time, selected, watermark if is_covered else watermark - 1, now)
+            self._emit(valid_time, selected, self._promised(watermark, valid_time), now)
             return
         self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
         self.promise(port, watermark, now)
@@ -118,7 +117,8 @@ class SelectOperator(Operator):
             return f'no sample of {name(self.inputs[0])} has what is selected: {self._absent}'
         if self._rejected is None:
             return super().obstacle(name)
-        source, rejected = name(self.inputs[0]), _shown(*self._rejected)
+        source, (field, value) = name(self.inputs[0]), self._rejected
+        rejected = f'{field} = {shortened(value_text(value), _MAX_VALUE)}'
         conditions = ' and '.join(map(str, self._conditions))
         return f'no sample of {source} satisfies {conditions} (the last has {rejected})'
 
@@ -205,11 +205,6 @@ class ElementsOperator(Operator):
             else:
                 self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
         self.promise(port, watermark, now)
-
-
-def _shown(field: str, value: Value) -> str:
-    text = value_text(value)
-    return f'{field} = {text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."}'
 
 
 def _reader(selection: Selection) -> Callable[[Mapping[str, Value]], Value]:
