@@ -473,9 +473,7 @@ class _RunningStream:
 
 def _topics_of(operator: Operator) -> dict[str, None]:
     """Return the topics that an operator's samples are made of, in the order of its inputs."""
-    if not operator.inputs:
-        return {operator.label: None}
-    return {topic: None for each in operator.inputs for topic in _topics_of(each)}
+    return dict.fromkeys(each.label for each in operator.sources)
 
 
 def waiting_reasons(

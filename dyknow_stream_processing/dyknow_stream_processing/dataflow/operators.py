@@ -219,15 +219,17 @@ class Operator:
 
     def become_timed(self) -> None:
         """Note that the clock may make a time certain, also for all consumers."""
-        self.timed = True
-        for consumer, _ in self.consumers:
-            consumer.become_timed()
+        if not self.timed:
+            self.timed = True
+            for consumer, _ in self.consumers:
+                consumer.become_timed()
 
     def become_vouched(self) -> None:
         """Note that it is made from a stream of another engine, also for all consumers."""
-        self.vouched = True
-        for consumer, _ in self.consumers:
-            consumer.become_vouched()
+        if not self.vouched:
+            self.vouched = True
+            for consumer, _ in self.consumers:
+                consumer.become_vouched()
 
     def _emit(self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int) -> None:
         if watermark > self.watermark:
@@ -305,7 +307,7 @@ class SourceOperator(Operator):
             if valid_time < self.watermark:
                 self._reject(_broken_promise(valid_time, self.watermark))
                 return
-            self._become_vouched()
+            self.become_vouched()
             promise = self.watermark = max(self.watermark, watermark)
         self.emitted_at = now
         if self._receipt_time:
@@ -334,7 +336,7 @@ class SourceOperator(Operator):
 
     def vouch(self, watermark: int, now: int) -> None:
         """Pass a watermark of another engine on, which it has sent without a sample."""
-        self._become_vouched()
+        self.become_vouched()
         self._promise(watermark, now)
 
     def covered_until(self) -> int:
@@ -362,10 +364,6 @@ class SourceOperator(Operator):
     def certain_at(self, valid_time: int) -> int | None:
         """Return the next nanosecond for times of receipt, as a past one cannot occur again."""
         return valid_time + 1 if self._receipt_time else None
-
-    def _become_vouched(self) -> None:
-        if not self.vouched:
-            self.become_vouched()
 
 
 class MergeOperator(Operator):
