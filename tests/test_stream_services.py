@@ -292,6 +292,19 @@ def test_a_stream_that_the_engine_cannot_make(
     assert_not_made(engine, ENGINE, StreamSpec(name=name, specification=text), code, words)
 
 
+def test_a_stream_that_the_middleware_refuses(engine: Nodes) -> None:
+    """The engine reads other messages on the topic that the stream would have."""
+    topic = '/dyknow/streams/taken'
+    publisher = engine.client.node.create_publisher(Float64, topic, 10)
+    samples = create(engine, 'other', f'select data from "{topic}"')
+    engine.client.spin_until(
+        lambda: publisher.publish(Float64(data=1.5)) or samples, 'a sample', pause=POLL
+    )
+    spec = StreamSpec(name='taken', specification='select data from "/tank/level"')
+    assert_not_made(engine, ENGINE, spec, INVALID, ('refuses',))
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='other')
+
+
 @pytest.mark.usefixtures('altitude')
 def test_a_stream_that_the_engine_does_not_have(engine: Nodes) -> None:
     answer = engine.call(ENGINE, srv.StreamDestroy, stream_name='nowhere')

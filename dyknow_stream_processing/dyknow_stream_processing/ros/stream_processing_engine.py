@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import ConstraintViolation, Sample, StreamWatermark
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import SECOND_NS, DyKnowError, StreamConstraints, with_readable_times
+from dyknow_common import SECOND_NS, StreamConstraints, with_readable_times
 from dyknow_common.ros import (
     RUNNING,
     STREAM,
@@ -179,25 +179,20 @@ class StreamProcessingEngine(DyKnowNode):
         )
         if request.is_recreated:
             self._dataflow.complete_windows(spec.name)
-        violations = violations_topic(topic)
-        writer = SampleWriter()
-        self._outputs[spec.name] = _Output(
-            typed=self._typed_output(spec.name, specification, topic),  # First: it may fail.
-            topic=topic,
-            constraints=constraints,
-            writer=writer,
-            samples=DirectPublisher(self, Sample, topic, STREAM, writer.write),
-            violations=DirectPublisher(self, ConstraintViolation, violations, VIOLATIONS),
-            meter=FlowMeter(self.now()),
-        )
+        try:
+            output = self._output(spec.name, specification, constraints, topic)
+        except Exception:
+            self._dataflow.destroy(spec.name)
+            raise
+        self._outputs[spec.name] = output
         self._sources.refresh()
         # Topics that nobody has read here before.
         self._expect(sources)
         self._waiting.add(spec.name)
         self._report_publisher.publish_soon()
         response.stream_topic = topic
-        response.stream_constraint_violation_topic = violations
-        response.stream_id = writer.stream_id
+        response.stream_constraint_violation_topic = violations_topic(topic)
+        response.stream_id = output.writer.stream_id
 
     def _expect(self, sources: Mapping[str, int]) -> None:
         """Let topics have the streams that a client has chosen.
@@ -212,20 +207,26 @@ class StreamProcessingEngine(DyKnowNode):
             if topic not in own and not self._sources.expect(topic, stream_id):
                 raise stream_replaced(topic)
 
-    def _typed_output(
-        self, name: str, specification: Specification, topic: str
-    ) -> TypedOutput | None:
-        """Return the output of a stream as messages of a type; if that fails, destroy it."""
-        published = sink_message(specification)
-        if published is None:
-            return None
-        fields, sources = self._dataflow.fields(name), self._dataflow.topics(name)
-        try:
+    def _output(
+        self, name: str, specification: Specification, constraints: StreamConstraints, topic: str
+    ) -> _Output:
+        """Return the output of a new stream."""
+        writer, published, typed = SampleWriter(), sink_message(specification), None
+        if published is not None:  # First: it fails most often.
+            fields, sources = self._dataflow.fields(name), self._dataflow.topics(name)
             with LANGUAGE.errors_at(specification.text, published.position):
-                return TypedOutput(self, published, fields, topic, sources)
-        except DyKnowError:
-            self._dataflow.destroy(name)
-            raise
+                typed = TypedOutput(self, published, fields, topic, sources)
+        return _Output(
+            topic=topic,
+            constraints=constraints,
+            writer=writer,
+            samples=DirectPublisher(self, Sample, topic, STREAM, writer.write),
+            violations=DirectPublisher(
+                self, ConstraintViolation, violations_topic(topic), VIOLATIONS
+            ),
+            meter=FlowMeter(self.now()),
+            typed=typed,
+        )
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
