@@ -111,8 +111,7 @@ class Track:
         if done:
             self._valid_time, self.latest = rows.popleft()
         self.waiting = rows
-        if self.source.watermark > self.settled:
-            self.settled = self.source.watermark
+        self.promise(self.source.watermark)
 
     def thin(self, tick: int, period: int) -> None:
         """Remove a waiting sample that no tick needs, given the next tick and the period."""

@@ -138,11 +138,17 @@ class ArrivalOperator(LeadOperator):
         (self._topic,) = self.sources
         self._latest = BEGINNING
 
-    def _emit(self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int) -> None:
-        if self._is_ordered():
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass a sample on unless it is too far ahead, with its promise."""
+        if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
+            self.promise(port, watermark, now)
+        elif not self._is_ordered():
+            self._emit(valid_time, fields, watermark, now)
+        else:
             self._latest = max(self._latest, valid_time)
-            watermark = max(watermark, self._latest)
-        super()._emit(valid_time, fields, watermark, now)
+            self._emit(valid_time, fields, max(watermark, self._latest), now)
 
     def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to pass all samples on, with promises if the source is in order."""

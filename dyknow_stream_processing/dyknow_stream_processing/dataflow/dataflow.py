@@ -21,7 +21,6 @@ from dyknow_stream_processing.dataflow.operators import (
     UNKNOWN_TYPE,
     DelayLimits,
     Operator,
-    SourceOperator,
     SourceType,
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
@@ -234,8 +233,11 @@ class Dataflow:
                 it for late subscribers. It is the value since its stamp, and never late.
         """
         valid_time, fields, watermark = sample.valid_time, sample.fields, sample.watermark
-        for source, now in self._sources_at(topic, sample.available_time):
-            source.push(valid_time, fields, now, is_checked, watermark, is_initial)
+        scheduler = self._scheduler
+        scheduler.run(sample.available_time)
+        for source in self._graph.sources.get(topic, ()):
+            source.push(valid_time, fields, scheduler.now, is_checked, watermark, is_initial)
+        scheduler.run(scheduler.now)
 
     @property
     def owed(self) -> frozenset[str]:
@@ -249,9 +251,12 @@ class Dataflow:
             topic: its name.
             sample: its available time is now; it is treated as initial, see `push`.
         """
-        for source, now in self._sources_at(topic, sample.available_time):
+        scheduler = self._scheduler
+        scheduler.run(sample.available_time)
+        for source in self._graph.sources.get(topic, ()):
             if source.is_owed and source.emitted_at is None:
-                source.push(sample.valid_time, sample.fields, now, False, None, True)
+                source.push(sample.valid_time, sample.fields, scheduler.now, False, None, True)
+        scheduler.run(scheduler.now)
 
     def step_many(self, messages: Mapping[str, SampleBatch], end: int) -> Mapping[str, SampleBatch]:
         """Process messages as columns, and the time until the last one, as `push` would.
@@ -285,8 +290,11 @@ class Dataflow:
             watermark: the time, in nanoseconds, before which no later sample is valid.
             now: the time of receipt.
         """
-        for source, latest in self._sources_at(topic, now):
-            source.vouch(watermark, latest)
+        scheduler = self._scheduler
+        scheduler.run(now)
+        for source in self._graph.sources.get(topic, ()):
+            source.vouch(watermark, scheduler.now)
+        scheduler.run(scheduler.now)
 
     def watermark(self, name: str) -> int:
         """Return the valid time until which a stream has delivered all of its samples.
@@ -357,14 +365,6 @@ class Dataflow:
         if name not in self._streams:
             raise unknown_stream(name, self._streams)
         return self._streams[name]
-
-    def _sources_at(self, topic: str, now: int) -> Iterator[tuple[SourceOperator, int]]:
-        """Yield the sources of a topic with the time, after and before the work that is due."""
-        scheduler = self._scheduler
-        scheduler.run(now)
-        for source in self._graph.sources.get(topic, ()):
-            yield source, scheduler.now
-        scheduler.run(scheduler.now)
 
     def _fields_of(self, topic: str) -> Fields | None:
         source = self._source_type(topic)
