@@ -241,12 +241,10 @@ def _run(
 
 def _report(error: Exception, place: str, failure: int, *, has_started: bool) -> int:
     """Print an error that ends a node, as there is no node to log with; return the exit code."""
-    if isinstance(error, DyKnowError | NameValidationException | ParameterException):
-        print(f'{place}{error}', file=sys.stderr)  # noqa: T201
-        return failure
-    if isinstance(error, RCLError) and not has_started:
-        # Such as: the middleware cannot secure its topics, or refuses one.
-        print(f'{place}{one_line(error)}', file=sys.stderr)  # noqa: T201
+    # Such as: the middleware cannot secure its topics, or refuses one.
+    is_refused = isinstance(error, RCLError) and not has_started
+    if is_refused or isinstance(error, DyKnowError | NameValidationException | ParameterException):
+        print(f'{place}{one_line(error) if is_refused else error}', file=sys.stderr)  # noqa: T201
         return failure
     traceback.print_exception(error)
     return FAULT if has_started else failure
@@ -298,32 +296,28 @@ class Watchdog:
             if not all(map(self._publish, self._nodes)):
                 return
             end = time.monotonic() + HEARTBEAT_PERIOD_S
-            while sum(map(self._pulse, self._nodes)):
+            while sum(_unless_stopping(each, each.heartbeat.pulse) or 0 for each in self._nodes):
                 if self._stopped.wait(PULSE_PERIOD_S) or time.monotonic() > end:
                     break
             else:
                 self._stopped.wait(end - time.monotonic())
 
-    def _pulse(self, node: DyKnowNode) -> bool:
-        """Publish a pulse; return True if other nodes listen to the pulses."""
-        try:
-            return node.heartbeat.pulse()
-        except RuntimeError:
-            if node.context.ok():
-                raise
-            return False
-
     def _publish(self, node: DyKnowNode) -> bool:
         """Publish a heartbeat; return True unless the node is stopping."""
-        try:
-            hung_s = node.heartbeat.publish()
-        except RuntimeError:
-            if node.context.ok():
-                raise
-            return False
-        if node.context.ok() and 0.0 < node.hang_limit_s() < hung_s:
+        hung_s = _unless_stopping(node, node.heartbeat.publish)
+        if hung_s and node.context.ok() and 0.0 < node.hang_limit_s() < hung_s:
             _end_hung(node.get_name(), hung_s)
-        return True
+        return hung_s is not None
+
+
+def _unless_stopping(node: DyKnowNode, publish: Callable[[], float]) -> float | None:
+    """Return the result of a publication; None if it fails as the node is stopping."""
+    try:
+        return publish()
+    except RuntimeError:
+        if node.context.ok():
+            raise
+        return None
 
 
 def _end_hung(node: str, hung_s: float) -> None:
