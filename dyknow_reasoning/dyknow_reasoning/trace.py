@@ -184,24 +184,22 @@ def _cells(rows: Any) -> Iterator[list[str]]:
 
 
 def _columns(header: Sequence[str]) -> list[_Column]:
-    columns: list[_Column] = []
-    known: set[str] = set()
+    columns: dict[str, _Column] = {}
     names = [*header]
     names[:1] = [each.removeprefix('#').lstrip() for each in names[:1]]  # As numpy.savetxt has it.
     for text in names:
         column = _Column(text)
-        if column.name in known:
+        if column.name in columns:
             raise ReasoningError(
                 f"line 1: there are two columns '{shortened(column.name)}'; remove one"
             )
-        known.add(column.name)
-        columns.append(column)
-    if sum(column.name in _UNITS for column in columns) != 1:
+        columns[column.name] = column
+    if sum(name in _UNITS for name in columns) != 1:
         raise ReasoningError(
             f'line 1: a trace has one column of times, named by their unit: {", ".join(_UNITS)}; '
             f'rename it; this trace has the columns: {shortened(", ".join(names)) or "none"}'
         )
-    return columns
+    return list(columns.values())
 
 
 @cached_by_text

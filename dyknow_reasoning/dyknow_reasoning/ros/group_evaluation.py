@@ -21,7 +21,6 @@ from dyknow_common.ros import (
     DirectPublisher,
     DyKnowNode,
     absolute_topic,
-    nanoseconds_to_time,
     to_message,
 )
 from dyknow_reasoning.errors import ReasoningError
@@ -142,25 +141,30 @@ class GroupEvaluation:
             self._ends[formula_id] = until
             return
         # While states wait, it is not known how the formula stands.
-        progress, episodes = await self._work.run(
+        reports = await self._work.run(
             lambda: self._remove(formula_id, is_last=not self._work.waiting_states), self._is_large
         )
-        self._episodes.publish(episodes)
-        if progress is not None:
-            self._reports.publish(progress)
+        self._publish_last(*reports)
 
     def _remove(
-        self, formula_id: int, *, is_last: bool
+        self, formula_id: int, *, is_last: bool, latest: int | None = None
     ) -> tuple[FormulaProgress | None, FormulaEpisodes | None]:
         """Remove a formula; return its last reports, of the progress only if it is undecided."""
         progress = None
         if formula_id in self.group.undecided:
-            progress = self._report(formula_id, is_last=is_last)
+            progress = self._report(formula_id, is_last=is_last, latest=latest)
         episodes = self._episodes.report(formula_id)
         self.group.remove_formula(formula_id)
         self._states_before.pop(formula_id, None)
         self._ends.pop(formula_id, None)
         return progress, episodes
+
+    def _publish_last(
+        self, progress: FormulaProgress | None, episodes: FormulaEpisodes | None
+    ) -> None:
+        self._episodes.publish(episodes)
+        if progress is not None:
+            self._reports.publish(progress)
 
     def _end_before(self, valid_time: int, latest: int | None) -> None:
         """Remove the formulas whose states end before a valid time, after a last report on each.
@@ -171,12 +175,7 @@ class GroupEvaluation:
         """
         ended = [each for each, until in self._ends.items() if until < valid_time]
         for formula_id in filter(self.group.undecided.__contains__, ended):
-            progress, episodes = self._remove(formula_id, is_last=True)
-            self._episodes.publish(episodes)
-            if progress is not None:
-                has_states = bool(progress.states_progressed)
-                progress.latest_valid_time = nanoseconds_to_time(latest or 0 if has_states else 0)
-                self._reports.publish(progress)
+            self._publish_last(*self._remove(formula_id, is_last=True, latest=latest))
 
     async def symbols(self) -> list[SymbolMessage]:
         """Return the symbols of the formulas."""
@@ -353,9 +352,11 @@ class GroupEvaluation:
         self._events.clear()
         return reports
 
-    def _report(self, formula_id: int, *, is_last: bool = False) -> FormulaProgress:
+    def _report(
+        self, formula_id: int, *, is_last: bool = False, latest: int | None = None
+    ) -> FormulaProgress:
         states = self._states - self._states_before.get(formula_id, 0)
-        latest = self._line.latest if states else None
+        latest = (latest or self._line.latest) if states else None
         report = progress_to_message(self.group, formula_id, latest)
         report.formula_group_id, report.states_progressed = self._id, states
         report.events, report.is_last = list(self._events), is_last
