@@ -109,7 +109,7 @@ class FormulaGroup:
         self._domains: Domains | None = None
         self._monitor = InstanceMonitor(limits.node_limit)
         self._remainders = Remainders(self._monitor)
-        # True if nothing beside the monitor depends on the states.
+        # True if beside the monitor, only standing formulas depend on the states.
         self._is_alone = False
 
     @property
@@ -282,8 +282,11 @@ class FormulaGroup:
             if Alternatives.are_among(values.values()):
                 return self._progress_alternatives(valid_time, values)
         elif self._is_alone:
+            standing = self.standing
             try:
                 outcomes = self._monitor.progress(valid_time, values)
+                if standing.formulas and (failed := standing.progress(valid_time, values)):
+                    outcomes = {**outcomes, **failed}
             except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
                 return self.fail(error, valid_time)
             return self._results_of(outcomes, valid_time, values) if outcomes else []
@@ -330,8 +333,7 @@ class FormulaGroup:
             return results + self.fail(error, valid_time)
         if outcomes:
             return results + self._results_of(outcomes, valid_time, values)
-        others = self.standing.formulas, margins, looks_back, possible.waiting, possible.formulas
-        self._is_alone = not any(others)
+        self._is_alone = not (margins or looks_back or possible.waiting or possible.formulas)
         return results
 
     def progress_many(
@@ -541,10 +543,7 @@ class FormulaGroup:
         ]
 
     def _results_of(
-        self,
-        outcomes: Mapping[int, Outcome | PossibleVerdict],
-        valid_time: int,
-        values: Values,
+        self, outcomes: Mapping[int, Outcome | PossibleVerdict], valid_time: int, values: Values
     ) -> list[FormulaResult]:
         """Return the results of the formulas that a state decides, or that fail with it."""
         results = []
