@@ -21,20 +21,10 @@ def formula_text(text: str) -> str:
     return str(formula)
 
 
-def annotation_text(text: str) -> str:
-    """Return annotations, one a line."""
-    return '\n'.join(map(str, parse_annotations(text)))
-
-
-def stream_text(text: str) -> str:
-    """Return the text of streams."""
-    return str(parse_specification(text))
-
-
 LANGUAGES: Final[Mapping[str, Callable[[str], str]]] = {
     'formula': formula_text,
-    'stream': stream_text,
-    'annotation': annotation_text,
+    'stream': lambda text: str(parse_specification(text)),
+    'annotation': lambda text: '\n'.join(map(str, parse_annotations(text))),
 }
 
 

@@ -9,16 +9,11 @@ import platform
 from dyknow_common.executables import SUCCESS, describe, installed_version
 
 
-def version_text() -> str:
-    """Return the version of DyKnow, of Python, and of ROS where there is one."""
+def print_version(_: argparse.Namespace) -> int:
+    """Print the version of DyKnow, of Python, and of ROS where there is one."""
     ros = os.environ.get('ROS_DISTRO', '')
     own, python = installed_version(), platform.python_version()
-    return f'dyknow {own} (Python {python}{ros and f", ROS 2 {ros}"})'
-
-
-def print_version(_: argparse.Namespace) -> int:
-    """Print the version; return the exit code."""
-    print(version_text())  # noqa: T201 - this is a command
+    print(f'dyknow {own} (Python {python}{ros and f", ROS 2 {ros}"})')  # noqa: T201 - a command
     return SUCCESS
 
 

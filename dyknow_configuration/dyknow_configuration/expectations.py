@@ -7,7 +7,7 @@ topics:
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -51,10 +51,7 @@ def read_expectations(value: YamlValue) -> tuple[TopicExpectation, ...]:
     Raises:
         ConfigurationError: with the place of the fault.
     """
-    return tuple(_expectations(value))
-
-
-def _expectations(value: YamlValue) -> Iterator[TopicExpectation]:
+    found: list[TopicExpectation] = []
     for key, given in value.entries('a mapping from topics to what is expected of them'):
         topic = key.text('a topic').strip()
         if not topic.startswith('/'):
@@ -65,14 +62,17 @@ def _expectations(value: YamlValue) -> Iterator[TopicExpectation]:
         rates = {each: _rate(stated[each]) for each in ('min_rate', 'max_rate') if each in stated}
         if len(rates) > 1 and rates['min_rate'] > rates['max_rate']:
             raise stated['min_rate'].error('min_rate is more than max_rate; exchange them')
-        yield TopicExpectation(
-            topic,
-            _message_type(stated['type']) if 'type' in stated else '',
-            **rates,
-            constraints=_constraints(stated),
-            stamped='stamped' in stated and stated['stamped'].truth(),
-            place=key.place,
+        found.append(
+            TopicExpectation(
+                topic,
+                _message_type(stated['type']) if 'type' in stated else '',
+                **rates,
+                constraints=_constraints(stated),
+                stamped='stamped' in stated and stated['stamped'].truth(),
+                place=key.place,
+            )
         )
+    return tuple(found)
 
 
 def _rate(value: YamlValue) -> float:

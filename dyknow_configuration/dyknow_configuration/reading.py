@@ -153,7 +153,11 @@ def _streams(
     values: Mapping[str, YamlValue], vocabulary: RobotVocabulary
 ) -> list[Path | InlineText]:
     stated = values['streams'].one_or_more() if 'streams' in values else []
-    own = [each for each in stated if is_stream_text(each)]
+    own = [
+        each
+        for each in stated
+        if each.is_mapping or _DECLARATION.match(each.text('streams or a file'))
+    ]
     named = [each for each in stated if each not in own]
     return [
         *(each.existing_file(_STREAM_HINT) for each in named),
@@ -278,11 +282,6 @@ def _signature(feature: RobotFeature) -> tuple[str, ...]:
         *([f'<dyknow:unknown>{bounds}</dyknow:unknown>'] if bounds else []),
         *([f'<dyknow:uncertainty>{uncertainty}</dyknow:uncertainty>'] if uncertainty else []),
     )
-
-
-def is_stream_text(value: YamlValue) -> bool:
-    """Return True if a value is a text in the stream language, and not the name of a file."""
-    return value.is_mapping or bool(_DECLARATION.match(value.text('streams or a file')))
 
 
 def read_streams(

@@ -30,6 +30,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import partial
 from itertools import takewhile
 from math import isfinite, nan
 from typing import Final
@@ -40,13 +41,6 @@ from dyknow_coordinator import Answer, Progress, StandingVerdicts
 
 _NO_VIOLATIONS: Final = (ExitCode.CANCELLED, ExitCode.TIMEOUT)
 """Errors with which the monitoring of a formula ends normally."""
-
-_VERDICTS: Final = {
-    TriggerEvent.FALSE: Verdict.FALSE,
-    TriggerEvent.TRUE: Verdict.TRUE,
-    TriggerEvent.VIOLATION: Verdict.UNDECIDED,
-}
-
 
 FIRST_BACKOFF: Final = SECOND_NS
 """The time from a failed attempt to the next one, in nanoseconds; it doubles with each."""
@@ -118,6 +112,7 @@ class FormulaEvents:
 
     def __init__(self, formula: RequestedFormula) -> None:
         self._formula = formula
+        self._report = partial(TriggerReport, formula)
         self._verdicts = StandingVerdicts()
         self._violation = ''
 
@@ -147,19 +142,21 @@ class FormulaEvents:
             is_false = answer.verdict is Verdict.FALSE
             yield from self._end_of_violation(now, answer.margin, is_false=is_false)
             if not self._formula.every_state:
-                event = TriggerEvent.TRUE if answer.verdict is Verdict.TRUE else TriggerEvent.FALSE
-                time = answer.decided_at or now
-                yield self._report(event, answer.explanation, time, answer.margin)
+                verdict = Verdict.TRUE if answer.verdict is Verdict.TRUE else Verdict.FALSE
+                event, time = TriggerEvent(verdict.name.lower()), answer.decided_at or now
+                yield self._report(event, verdict, answer.explanation, time, answer.margin)
         elif error.code not in _NO_VIOLATIONS and not self._violation:
             self._violation = f'{error.code.name}: {error.message}'
-            yield self._report(TriggerEvent.VIOLATION, self._violation, now, answer.margin)
+            event, undecided = TriggerEvent.VIOLATION, Verdict.UNDECIDED
+            yield self._report(event, undecided, self._violation, now, answer.margin)
 
     def _end_of_violation(
         self, now: int, margin: Margin | None, *, is_false: bool
     ) -> Iterator[TriggerReport]:
         past, self._violation = self._violation, ''
         if past and not is_false:
-            yield self._report(TriggerEvent.CLEAR, f'it has passed: {past}', now, margin)
+            text = f'it has passed: {past}'
+            yield self._report(TriggerEvent.CLEAR, Verdict.UNDECIDED, text, now, margin)
 
     def _episodes(
         self, verdicts: StandingVerdicts, now: int, margin: Margin | None
@@ -169,20 +166,10 @@ class FormulaEvents:
             least = episode.worst or margin
             if has_ended:
                 past = episode.past_text
-                yield self._report(TriggerEvent.CLEAR, past, now, least, Verdict.TRUE)
+                yield self._report(TriggerEvent.CLEAR, Verdict.TRUE, past, now, least)
             else:
-                yield self._report(TriggerEvent.FALSE, episode.text, episode.decided_at, least)
-
-    def _report(
-        self,
-        event: TriggerEvent,
-        explanation: str,
-        time: int,
-        margin: Margin | None,
-        verdict: Verdict | None = None,
-    ) -> TriggerReport:
-        found = _VERDICTS.get(event, Verdict.UNDECIDED) if verdict is None else verdict
-        return TriggerReport(self._formula, event, found, explanation, time, margin)
+                event, at = TriggerEvent.FALSE, episode.decided_at
+                yield self._report(event, Verdict.FALSE, episode.text, at, least)
 
 
 def _number(margin: Margin | None) -> float:

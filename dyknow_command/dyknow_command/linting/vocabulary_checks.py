@@ -177,7 +177,9 @@ class VocabularyChecks:
                     continue
                 if not (self._inputs.has_peers and error.code is ExitCode.NOT_FOUND):
                     yield error_at(place, reason)
-                elif (names := _MISSPELT.search(reason)) and _are_similar(*names.groups()):
+                elif (names := _MISSPELT.search(reason)) and (
+                    SequenceMatcher(None, names[1], names[2]).ratio() >= _SIMILARITY
+                ):
                     text = f"{reason} If a peer shares '{names[1]}', declare it here, too"
                     yield warning_at(place, text)
         yield from self._reference_findings()
@@ -272,10 +274,6 @@ def _unit_findings(formula: PlacedFormula, grounded: GroundedFormula) -> Iterato
             'by a factor'
         )
         yield warning_at(formula.place(_mentioned(text, formula.requested.text)), text)
-
-
-def _are_similar(one: str, other: str) -> bool:
-    return SequenceMatcher(None, one, other).ratio() >= _SIMILARITY
 
 
 def _is_in(name: str, texts: Iterable[str]) -> bool:

@@ -187,6 +187,7 @@ class Gate:
         return ''
 
 
+@dataclass(frozen=True, slots=True)
 class GateReports:
     """Reports on formulas to a gate, at the times of the clocks of a guard.
 
@@ -197,26 +198,22 @@ class GateReports:
         settle: called with the monotonic time after each report.
     """
 
-    def __init__(
-        self,
-        gate: Gate,
-        now: Callable[[], int],
-        age: Callable[[int], int],
-        settle: Callable[[int], None],
-    ) -> None:
-        self._gate, self._now, self._age, self._settle = gate, now, age, settle
+    gate: Gate
+    now: Callable[[], int]
+    age: Callable[[int], int]
+    settle: Callable[[int], None]
 
     def state(self, formula: str, valid_time: int, failure: str = '') -> None:
         """Report a state of a formula, and why it does not hold; empty if it does."""
-        now = self._now()
-        self._gate.note_state(formula, now, failure, age=self._age(valid_time))
-        self._settle(now)
+        now = self.now()
+        self.gate.note_state(formula, now, failure, age=self.age(valid_time))
+        self.settle(now)
 
     def fault(self, formula: str, reason: str) -> None:
         """Report why a formula cannot be asked."""
-        now = self._now()
-        self._gate.note_fault(formula, now, reason)
-        self._settle(now)
+        now = self.now()
+        self.gate.note_fault(formula, now, reason)
+        self.settle(now)
 
 
 class ClockJumps:

@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -231,6 +232,7 @@ class CancelGoalAction:
         )
 
 
+@dataclass(eq=False)
 class _RemoteCall:
     """A request to another node, which is sent when the node is there.
 
@@ -245,24 +247,17 @@ class _RemoteCall:
         abandon: receives the future of a response that is not needed any more.
     """
 
-    def __init__(
-        self,
-        node: NodeAdapter,
-        trigger: Trigger,
-        name: str,
-        is_ready: Callable[[], bool],
-        send: Callable[[], Future],
-        failure_of: Callable[[Any], str],
-        end: End,
-        abandon: Callable[[Future], object],
-    ) -> None:
-        self._node, self._trigger = node, trigger
-        self._name = name
-        self._is_ready = is_ready
-        self._send = send
-        self._failure_of = failure_of
-        self._end = end
-        self._abandon = abandon
+    node: NodeAdapter
+    trigger: Trigger
+    name: str
+    is_ready: Callable[[], bool]
+    send: Callable[[], Future]
+    failure_of: Callable[[Any], str]
+    end: End
+    abandon: Callable[[Future], object]
+
+    def __post_init__(self) -> None:
+        """Begin."""
         self._sent: Future | None = None
         self._is_over = False
         self._poll()
@@ -271,20 +266,20 @@ class _RemoteCall:
         """End without a response, and return the reason."""
         self._is_over = True
         if self._sent is None:
-            fault = target_fault(self._node.node, self._trigger)
+            fault = target_fault(self.node.node, self.trigger)
             reason = f' ({fault.text})' if fault and not fault.is_missing else ''
-            return f'{self._name} is not available{reason}'
-        self._abandon(self._sent)
-        return f'{self._name} has not answered'
+            return f'{self.name} is not available{reason}'
+        self.abandon(self._sent)
+        return f'{self.name} has not answered'
 
     def _poll(self) -> None:
         if self._is_over:
             return
-        if self._is_ready():
-            self._sent = self._send()
+        if self.is_ready():
+            self._sent = self.send()
             self._sent.add_done_callback(self._on_response)
         else:
-            later = self._node.deadlines.after(POLL_PERIOD_S)
+            later = self.node.deadlines.after(POLL_PERIOD_S)
             later.add_done_callback(lambda _: self._poll())
 
     def _on_response(self, done: Future) -> None:
@@ -292,7 +287,7 @@ class _RemoteCall:
             return
         self._is_over = True
         error = done.exception()
-        self._end(str(error) if error else self._failure_of(done.result()))
+        self.end(str(error) if error else self.failure_of(done.result()))
 
 
 def _goal_id(info: Any) -> bytes:
