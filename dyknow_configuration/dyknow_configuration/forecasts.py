@@ -34,7 +34,6 @@ from typing import Final
 import yaml
 
 from dyknow_common import (
-    CONSTRAINT_KINDS,
     NOT_CALIBRATED,
     InlineText,
     LanguageError,
@@ -49,6 +48,7 @@ from dyknow_configuration.composed_text import (
     constraints_text,
     variables,
 )
+from dyknow_configuration.regions import KNOWN_CONSTRAINTS
 from dyknow_configuration.robot import (
     PATH_INPUTS,
     FeatureForecast,
@@ -70,7 +70,7 @@ from dyknow_stream_processing import (
 )
 
 FORECAST_KEYS: Final = ('by', 'fields', 'path', 'horizons', 'step', 'settings', 'table')
-PATH_KEYS: Final = ('topic', *(each for each in CONSTRAINT_KINDS if each != 'expires'))
+PATH_KEYS: Final = ('topic', *KNOWN_CONSTRAINTS)
 TABLE_KEYS: Final = ('forecast', 'coverage', 'widening')
 
 _PLANNED: Final = 'planned_path'

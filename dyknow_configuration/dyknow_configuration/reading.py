@@ -172,7 +172,8 @@ def _ontologies(
     path: Path,
 ) -> tuple[TextSource, ...]:
     files = [each.existing_file() for each in texts(values, 'ontology')]
-    relations = read_relations(values, regions, vocabulary.all_objects())
+    objects = {name for sort in vocabulary.sorts.values() for name in sort.objects}
+    relations = read_relations(values, regions, objects)
     if not vocabulary:
         return tuple(files)
     name = re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)

@@ -61,19 +61,19 @@ _TIMES: Final = ('since', 'until')
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
-_CONSTRAINTS: Final = tuple(name for name in CONSTRAINT_KINDS if name != 'expires')
-"""The constraints of a position or an outline, which cannot be unknown."""
+KNOWN_CONSTRAINTS: Final = tuple(name for name in CONSTRAINT_KINDS if name != 'expires')
+"""The constraints of a position, an outline or a path, which cannot be unknown."""
 
 _STAMPED: Final = {'max_delay': '1 s'}
 """Constraints of outlines with stamps that state no others: else, states wait for the next one."""
 
-_MOVING_KEYS: Final = ('field', 'header', *_CONSTRAINTS)
+_MOVING_KEYS: Final = ('field', 'header', *KNOWN_CONSTRAINTS)
 
 REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES, *_MOVING_KEYS)
 
 POSITION_KEYS: Final = (
     'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves',
-    'orientation', 'yaw', 'walls', *_CONSTRAINTS
+    'orientation', 'yaw', 'walls', *KNOWN_CONSTRAINTS
 )  # fmt: skip
 
 DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}

@@ -266,10 +266,6 @@ class RobotVocabulary:
         )
         return RobotVocabulary(sorts, self.features.values())
 
-    def all_objects(self) -> frozenset[str]:
-        """Return the objects of all sorts."""
-        return frozenset(name for each in self.sorts.values() for name in each.objects)
-
     def objects(self, sort: str) -> tuple[str, ...]:
         """Return the objects of a sort and of all sorts below it."""
         below = {sort}

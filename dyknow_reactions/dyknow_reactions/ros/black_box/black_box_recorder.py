@@ -129,15 +129,12 @@ class BlackBoxRecorder(DyKnowNode):
         if unwritten is None:
             self.get_logger().error('a black box is lost: it takes too long to write')
         else:
-            for box in self._open_boxes():
-                unwritten[box] = self._selected(box)[0]
+            for each in self._watch.watched.values() if self._snapshot is None else ():
+                if each.box is not None:
+                    unwritten[each.box] = self._selected(each.box)[0]
             for box, write in unwritten.items():
                 self._write_at_the_end(box, write)
         super().destroy_node()
-
-    def _open_boxes(self) -> list[OpenBox]:
-        boxes = (each.box for each in self._watch.watched.values())
-        return [each for each in boxes if each is not None and self._snapshot is None]
 
     def _write_at_the_end(self, box: OpenBox, write: WriteBox) -> None:
         try:
@@ -342,10 +339,6 @@ class BlackBoxRecorder(DyKnowNode):
             raise DyKnowError('\n'.join(errors), ExitCode.UNAVAILABLE)
         response.paths = [path for path, _ in outcomes if path]
 
-    def _formulas_without_streams(self) -> list[str]:
-        watched = self._watch.watched if self._snapshot is None else ()
-        return [name for name, started in watched if not self._origins[name, started].has_streams]
-
     def _report_health(self) -> None:
         faults = [*self._topics.faults, *([self._latest_fault] if self._latest_fault else [])]
         drops = self._ring.dropped - self._reported_drops
@@ -354,7 +347,11 @@ class BlackBoxRecorder(DyKnowNode):
         if drops:
             level = DiagnosticStatus.WARN
             text = f'the limits of memory have removed {drops} messages within the last second'
-        elif unknown := self._formulas_without_streams():
+        elif unknown := [
+            key[0]
+            for key in (self._watch.watched if self._snapshot is None else ())
+            if not self._origins[key].has_streams
+        ]:
             level = DiagnosticStatus.WARN
             text = f'the stream manager has not reported the streams of {listed(unknown)} yet'
         if faults:

@@ -119,15 +119,11 @@ class Passage:
                 f'{self._input} is published with the type {found.type_name}, not with {self._type}'
             )
         request = next_request(self._request, found)
-        if request.reliable != self._is_reliable:
+        if request.reliable != (self._request is None or self._request.reliable):
             # A reliable subscription would receive nothing of a publisher that is not.
             self._node.destroy_subscription(self._subscription)
             self._subscribe(reliable=request.reliable)
         self._request = request
-
-    @property
-    def _is_reliable(self) -> bool:
-        return self._request is None or self._request.reliable
 
     def _use(self, type_name: str) -> None:
         """Create the topics of a type."""
