@@ -350,8 +350,8 @@ class FormulaGroup:
         """
         self._begun()
         monitor, recording = self._monitor, Recording.read(valid_times, columns)
-        one_by_one = self.standing.formulas or self._margins.running or self.waiting
-        if one_by_one or not self._possible.are_known(recording.columns):
+        one_by_one = self.standing.formulas or self._margins.running or Alternatives.exist
+        if one_by_one or self.waiting or not self._possible.are_known(recording.columns):
             rows = recording.rows(recording.columns.keys())
             return list(chain.from_iterable(self.progress(*each) for each in rows))
         usable = recording.increasing(monitor.latest)

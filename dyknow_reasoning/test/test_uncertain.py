@@ -217,6 +217,14 @@ def test_what_makes_no_difference_is_like_any_other_value() -> None:
     assert result.verdict is Verdict.FALSE
 
 
+def test_columns_with_alternatives_give_the_same() -> None:
+    """They are texts, which no mode equals."""
+    group = begun('always[0, 2 ns] (x > 1 or mode = "LAND")')
+    columns = {'x': [2.0, either(2.0, 3.0), 0.0], 'mode': ['RTL', 'RTL', either('LAND', 'LAND')]}
+    (result,) = group.progress_many(range(3), columns)
+    assert result.verdict is Verdict.TRUE
+
+
 def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
     group = begun('always p')
     group.progress(0, {'p': True})
