@@ -21,7 +21,8 @@ ARRIVALS = st.lists(st.tuples(st.integers(0, 9), formulas(3)), min_size=1, max_s
 
 def plain(result: FormulaResult) -> FormulaResult:
     """A result that compares by what is told, whichever group it is from."""
-    return replace(result, formula_id=0, explanation=result.explanation or str(result.error))
+    explanation = result.explanation or str(result.error)
+    return replace(result, formula_id=0, explanation=explanation, error=None)
 
 
 def alone(formula: Formula, trace: Trace) -> list[FormulaResult]:
