@@ -255,7 +255,7 @@ class _Clients:
 
     async def keep_states(self, _group_id: int, topic: str) -> None:
         async def keep() -> None:
-            self._system.group.set_standby(topic)
+            await self._system.group.set_standby(topic)
 
         await self._system.call('keep', keep)
 

@@ -126,6 +126,18 @@ class Launcher:
         for ended in self.ended():
             raise BringupError(f'{ended}:\n{ended.last_lines}', ExitCode.UNAVAILABLE)
 
+    def kill(self, name: str) -> None:
+        """Kill a process, by the name of its node."""
+        running = self._running.pop(name)
+        _signal_group(running, signal.SIGKILL)
+        running.wait()
+
+    def stop(self, name: str, timeout_s: float = 10.0) -> int:
+        """Stop a process, by the name of its node, and return its exit code."""
+        running = self._running.pop(name)
+        _signal_group(running, signal.SIGTERM)
+        return _wait(running, timeout_s)
+
     def stop_all(self, timeout_s: float = 10.0) -> dict[str, int]:
         """Stop all processes, kill them after the timeout, and return their exit codes."""
         for running in self._running.values():
