@@ -33,7 +33,7 @@ from dyknow_federation.remote import RemotePeer, hello_period
 from dyknow_federation.sending import SentStream, Thinning
 
 MAX_PEERS: Final = 1000
-"""The number of other peers."""
+"""The number of other peers that are known, without those that are asked before they are heard."""
 
 BATCH_DELAY: Final = 2 * NANOSECONDS['ms']
 """How long a sample waits for others to be sent with, in nanoseconds."""
@@ -188,7 +188,7 @@ class Peer:
         values are intervals between constants.
 
         Raises:
-            FederationError: if too many peers are known, or constants are not as they must be.
+            FederationError: if constants are not as they must be.
         """
         Request(stream, constants=constants)  # Checks them.
         self._remote(peer, at).request(stream, at, min(after, at), constants)
@@ -251,6 +251,9 @@ class Peer:
             raise FederationError(
                 f"another host is called '{sender}', too; give each host its own name"
             )
+        # Those that the own host asks are as few as its readers, whoever else is heard.
+        if sender not in self.remotes and len(self.remotes) >= MAX_PEERS:
+            raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
         remote = self._remote(sender, at)
         heard = remote.hear(packet.incarnation, at)
         if heard is None:
@@ -346,8 +349,6 @@ class Peer:
 
     def _remote(self, name: str, at: int) -> RemotePeer:
         if name not in self.remotes:
-            if len(self.remotes) >= MAX_PEERS:
-                raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
             check_name(name, FederationError)
             send = partial(self._send, name)
             self.remotes[name] = RemotePeer(name, self._settings, send, at)

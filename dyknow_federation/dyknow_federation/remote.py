@@ -23,7 +23,7 @@ from dyknow_federation.events import Event
 from dyknow_federation.messages import is_verdict
 from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
-from dyknow_stream_processing import ViolationKind
+from dyknow_stream_processing import DEFAULT_MAX_LEAD, ViolationKind
 
 MAX_FORMER: Final = 16
 """The number of former runs of a peer whose late messages are known as such."""
@@ -369,7 +369,7 @@ class RemotePeer:
         if earliest < self.clock.since:
             yield self._lose(name, 1, f"the clock of peer '{self.name}' jumped after it")
             return
-        if earliest > at:
+        if earliest > at + DEFAULT_MAX_LEAD:
             reason = f'it is valid at {round_time(earliest)}, which is still to come'
             yield self._lose(name, 1, reason)
             return

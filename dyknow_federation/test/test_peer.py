@@ -436,6 +436,11 @@ def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> 
         net.send('b', f'p{number}', Hello(1))
     (fault,) = net.send('b', 'one more', Hello(1))
     assert 'more than 20 peers' in fault.message
+    # What is read here of a peer that was forgotten is asked of it, as ever.
+    net.peers['b'].request('forgotten', 'level', net.now)
+    net.send('b', 'forgotten', Hello(1))
+    assert net.peers['b'].remotes['forgotten'].is_present
+    net.peers['b'].release('forgotten', 'level')
     net.peers['b'].share([], [LEVEL], net.now)
     net.send('b', 'p1', Request('level'))
     net.send('b', 'p1', Request('never shared'))
@@ -474,6 +479,17 @@ def test_a_clock_that_jumps_ahead_promises_nothing_that_is_still_to_come() -> No
     net.run(0.1)
     (promise,) = net.take('b', WatermarkArrived)
     assert promise.time <= net.time('b')
+
+
+@pytest.mark.parametrize(('lead', 'is_lost'), [(50 * MS, False), (5 * SECOND_NS, True)])
+def test_samples_ahead_of_the_clock_count_as_at_the_engines(lead: int, is_lost: bool) -> None:  # noqa: FBT001
+    net = sharing(offset=7 * SECOND_NS)
+    at = net.time('a')
+    net.peers['a'].publish('level', at + lead, 1, at)
+    net.run(0.1)
+    assert any('still to come' in each.reason for each in net.take('b', StreamViolated)) == is_lost
+    net.settle()
+    assert net.values('b') == ([] if is_lost else [1])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,12 @@ from dyknow_stream_processing.dataflow.batches import (
     rows_of,
 )
 from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNITS, load_units
-from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics, ignore
+from dyknow_stream_processing.dataflow.dataflow import (
+    DEFAULT_MAX_LEAD,
+    Dataflow,
+    Statistics,
+    ignore,
+)
 from dyknow_stream_processing.dataflow.drift import GAP_PERIODS, Coverage
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
@@ -58,6 +63,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'DEFAULT_MAX_LEAD',
     'GAP_PERIODS',
     'MAX_STEPS',
     'OTHER_CLOCK_NS',
