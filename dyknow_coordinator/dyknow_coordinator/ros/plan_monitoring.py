@@ -39,6 +39,7 @@ from dyknow_coordinator.ros.answers import (
     verdict_to_message,
 )
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
+from dyknow_stream_processing import OTHER_CLOCK_NS
 from dyknow_stream_processing.ros import PAUSES
 
 Start = Callable[[EvaluationRequest], FormulaEvaluation]
@@ -222,10 +223,12 @@ class MonitoredPlan:
         progress = evaluation.progress
         if position in self._waits:
             end = self._periods_end.get(position)
+        unknown = None if end is None else max(end - progress.latest_valid_time, 0)
         return withdrawal(
             progress.states_progressed,
             presumably_false=progress.presumably_false,
-            unknown=None if end is None else max(end - progress.latest_valid_time, 0),
+            # States of another clock have no order with the end of the period.
+            unknown=None if unknown is None or unknown > OTHER_CLOCK_NS else unknown,
             waited_for=self._waits.get(position, ''),
         )
 

@@ -39,6 +39,7 @@ from dyknow_reasoning.ros.state_subscription import (
     StateSubscription,
 )
 from dyknow_reasoning.state_line import Breach, StateLine
+from dyknow_stream_processing import OTHER_CLOCK_NS
 from dyknow_stream_processing.ros import sample_fields
 
 _MAX_EVENTS = 20
@@ -132,12 +133,15 @@ class GroupEvaluation:
         Args:
             formula_id: the formula.
             until: if the formula is undecided, the valid time in nanoseconds whose states it still
-                gets: it is removed before the first later one.
+                gets: it is removed before the first later one. States of another clock have no
+                order with it: then it is removed at once.
 
         Raises:
             ReasoningError: for an unknown formula.
         """
-        if formula_id in self.group.undecided and (self._line.latest or 0) < until:
+        latest = self._line.latest
+        is_early = until > 0 if latest is None else 0 < until - latest <= OTHER_CLOCK_NS
+        if formula_id in self.group.undecided and is_early:
             self._ends[formula_id] = until
             return
         # While states wait, it is not known how the formula stands.
@@ -173,7 +177,8 @@ class GroupEvaluation:
             valid_time: of a state that counts, in nanoseconds.
             latest: of the state before it.
         """
-        ended = [each for each, until in self._ends.items() if until < valid_time]
+        ends = self._ends.items()
+        ended = [each for each, at in ends if not 0 <= at - valid_time <= OTHER_CLOCK_NS]
         for formula_id in filter(self.group.undecided.__contains__, ended):
             self._publish_last(*self._remove(formula_id, is_last=True, latest=latest))
 
@@ -451,7 +456,10 @@ class GroupEvaluation:
     def _progress(self, state: State) -> None:
         self._states += 1
         for formula_id, since in self.group.waiting.items():
-            if state.valid_time < since:
+            if since - state.valid_time > OTHER_CLOCK_NS:
+                # States of another clock, as of a replayed recording, have no order with it.
+                self.group.waiting[formula_id] = state.valid_time
+            elif state.valid_time < since:
                 self._states_before[formula_id] = self._states
         if self._is_large() or self._work.waiting_states:
             self._work.start(lambda: self._progressed(state), self.publish)

@@ -466,3 +466,21 @@ def test_a_later_removal_becomes_one_at_once() -> None:
         run_to_end(made.evaluation.remove_formula(CALM))
         made.state('/former', 10)
         assert last_reports(made) == [(1, 1)]
+
+
+def test_states_of_another_clock_have_no_order_with_reports() -> None:
+    """A recording of an earlier day is replayed, and a plan is monitored by the present clock."""
+    now = 30 * 24 * 3600 * 10**9
+    with Group() as made:
+        group = made.evaluation.group
+        adding = made.evaluation.add_formula('late', 'eventually power < 150', since=now)
+        run_to_end(adding)
+        made.state('/former', 1)
+        assert group.waiting == {}
+        assert group.undecided == {CALM}
+        run_to_end(made.evaluation.remove_formula(CALM, now))
+        assert last_reports(made) == [(1, 1), (1, 1)]
+    with Group() as made:
+        run_to_end(made.evaluation.remove_formula(CALM, now))
+        made.state('/former', 1)
+        assert last_reports(made) == [(0, 0)]
