@@ -78,9 +78,10 @@ class TopicSources:
         self._names = TopicNames(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
         self._held: deque[_Arrival] = deque()
+        self._period_began = 0
         backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
         self._jumps = node.get_clock().create_jump_callback(
-            backward, post_callback=self._on_jump_back
+            backward, post_callback=lambda jump: self._restart(-jump.delta.nanoseconds)
         )
 
     def refresh(self) -> None:
@@ -159,7 +160,13 @@ class TopicSources:
         )
 
     def end_period(self, now: int) -> None:
-        """Measure the rates of all topics since the last call, given the time in nanoseconds."""
+        """Measure the rates of all topics since the last call, given the time in nanoseconds.
+
+        ROS tells only jumps of simulated time, so a system clock that was set back is noticed here.
+        """
+        if now < self._period_began and not self._topics.is_time_simulated:
+            self._restart(self._period_began - now)
+        self._period_began = now
         for source, _ in self._sources.values():
             source.end_period(now)
 
@@ -217,13 +224,12 @@ class TopicSources:
             remove()
         self._sources.clear()
 
-    def _on_jump_back(self, jump: Any) -> None:
-        """Discard all samples: a simulation or a recording starts again."""
+    def _restart(self, set_back: int) -> None:
+        """Discard all samples, as the clock was set back: a simulation starts again."""
         now = self._node.get_clock().now().nanoseconds
         while self._held:
             self._release_first(now)
-        distance = round_duration(-jump.delta.nanoseconds)
-        text = f'the clock was set back by {distance}; all streams restart'
+        text = f'the clock was set back by {round_duration(set_back)}; all streams restart'
         self._clear()
         self._dataflow.restart(Violation('', ViolationKind.VALID_TIME_ORDER, now, now, 0, 0, text))
         self.refresh()
