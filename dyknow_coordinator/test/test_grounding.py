@@ -2,7 +2,7 @@
 
 import pytest
 
-from dyknow_common import ExitCode, Symbol, SymbolKind
+from dyknow_common import ExitCode, Symbol, SymbolKind, numbered_names
 from dyknow_coordinator import CoordinationError, Grounding
 from dyknow_coordinator.grounding.candidate_search import (
     check_symbols,
@@ -165,6 +165,21 @@ def test_streams_of_one_name_get_names_of_their_own() -> None:
     *streams, sink = parse_specification(state_specification(chosen)).declarations
     assert [str(each.stream.source) for each in streams] == ['"/a_b"', '"/a/b"']
     assert sink == SinkDeclaration(Sync(tuple(StreamReference(each.name) for each in streams)))
+
+
+def test_of_many_streams_of_one_name_each_number_is_tried_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[str] = []
+    numbers = (tried.append(each) or each for each in numbered_names('a'))
+    module = 'dyknow_coordinator.grounding.state_specification'
+    monkeypatch.setattr(f'{module}.numbered_names', lambda _: numbers)
+    streams = [
+        parse_sources([f'stream a = select x as "X[{each}]" from "/{each}"'])[0] for each in 'rstu'
+    ]
+    text = state_specification(streams)
+    assert text.endswith('sink sync(a, a_2, a_3, a_4)')
+    assert tried == ['a', 'a_2', 'a_3', 'a_4']
 
 
 def test_the_state_stream_synchronises_all_sources() -> None:

@@ -87,10 +87,16 @@ def _selections(source: FeatureSource) -> tuple[Selection, ...]:
 def _with_distinct_names(sources: Iterable[FeatureSource]) -> Sequence[FeatureSource]:
     """Rename sources, to give different streams different names."""
     declared: dict[str, str] = {}
+    names: dict[tuple[str, str], str] = {}
+    # Thousands may have one name: numbers that are taken are not tried again.
+    numbered: dict[str, Iterator[str]] = {}
     result = []
     for source in sources:
-        names = numbered_names(source.stream)
-        name = next(each for each in names if declared.get(each, str(source)) == str(source))
-        declared[name] = str(source)
-        result.append(replace(source, stream=name, declaration=f'stream {name} = {source}'))
+        stream, text = source.stream, str(source)
+        if (stream, text) not in names:
+            untried = numbered.setdefault(stream, numbered_names(stream))
+            names[stream, text] = next(each for each in untried if declared.get(each, text) == text)
+        name = names[stream, text]
+        declared[name] = text
+        result.append(replace(source, stream=name, declaration=f'stream {name} = {text}'))
     return result

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -19,9 +19,9 @@ from dyknow_common import (
     StreamConstraints,
     ValueType,
     number_of,
+    numbered_names,
     parse_field,
     unit_conversion,
-    unused_name,
 )
 from dyknow_semantics.annotations.annotation import Annotation, Content, Key, feature_text
 from dyknow_semantics.matching.patterns import Pattern
@@ -204,8 +204,11 @@ def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:
     if len({each.stream_name for each in result}) == len(result):
         return tuple(result)
     used: set[str] = set()
+    # Thousands may have one name: numbers that are taken are not tried again.
+    numbered: dict[str, Iterator[str]] = {}
     for index, each in enumerate(result):
-        name = unused_name(each.stream_name, used)
+        untried = numbered.setdefault(each.stream_name, numbered_names(each.stream_name))
+        name = next(name for name in untried if name not in used)
         used.add(name)
         if name != each.stream_name:
             result[index] = replace(each, declaration=replace(each.declaration, name=name))
