@@ -11,9 +11,11 @@ from action_msgs.msg import GoalStatus
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.srv import ReportPlanAction
+from geometry_msgs.msg import PointStamped
 from rclpy.action import ActionClient
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_common.ros import nanoseconds_to_time
 from dyknow_coordinator import (
     FormulaPosition,
     Holds,
@@ -150,6 +152,31 @@ def test_a_plan_that_stops_at_a_violation(asker: Asker) -> None:
     assert 'Powr' in bad.error.message
     with pytest.raises(DyKnowError, match="plan 'mission' is over"):
         asker.report(monitor.succeeded, 'climb')
+
+
+def test_a_plan_over_stamps_of_another_clock(asker: Asker) -> None:
+    """As of a recording that is replayed without simulated time: the states of a period count."""
+    node, message = asker.system.client.node, PointStamped()
+    publisher = node.create_publisher(PointStamped, '/old', 10)
+    sent: list[int] = []
+
+    def publish() -> None:
+        sent.append(len(sent))
+        message.header.stamp = nanoseconds_to_time(10**17 + len(sent) * 10**8)
+        publisher.publish(message)
+
+    timer = node.create_timer(0.1, publish)
+    formula = PlanFormula('all', 'always "/old".point.x < 1')
+    monitor = asker.monitor(Plan('mission', (PlanAction('climb', (formula,)),)))
+    asker.report(monitor.started, 'climb')
+    asker.wait('climb', 'all', RUNNING)
+    due = len(sent) + 20
+    asker.system.client.spin_until(lambda: len(sent) > due, 'states')
+    asker.report(monitor.succeeded, 'climb')
+    (verdict,) = asker.outcome(monitor).verdicts
+    node.destroy_timer(timer)
+    node.destroy_publisher(publisher)
+    assert re.fullmatch(r'held in \d+ states', verdict.explanation)
 
 
 def test_a_cancelled_plan(asker: Asker) -> None:
