@@ -129,3 +129,12 @@ def test_the_goal_is_cancelled_once_if_its_server_is_lost_again(situation: Situa
     situation.is_ready = True
     situation.poll()
     assert situation.cancelled == 1
+
+
+def test_who_cancels_again_and_again_waits_no_longer(situation: Situation) -> None:
+    situation.call.cancel()
+    waits = list(situation.polls)
+    situation.call.cancel()
+    assert (situation.cancelled, situation.polls) == (1, waits)
+    situation.poll()
+    assert situation.ends == [ExitCode.CANCELLED]

@@ -118,8 +118,8 @@ class ActionCall:
 
     def cancel(self) -> None:
         """Cancel the goal. The call ends with the server's result if that arrives in time."""
-        if self._has_ended:
-            return
+        if self._has_ended or self._is_cancelled:
+            return  # Its wait for the server's result goes on.
         self._is_cancelled = True
         if not self._is_sent:
             self.fail(DyKnowError('cancelled by the caller', ExitCode.CANCELLED))
