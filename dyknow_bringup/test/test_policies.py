@@ -220,6 +220,20 @@ def test_a_guard_may_do_what_it_must_and_no_more() -> None:
     } < subscribed
     served = {each.text for each in enclave.iterfind('.//services[@reply]/service')}
     assert '/robot1/base_guard/reset' in served
+    admin = enclaves(text)['/robot1/dyknow_admin']
+    assert permitted(enclave, 'reply') - permitted(admin, 'request') == {
+        '/robot1/base_guard/get_type_description'
+    }
+
+
+@pytest.mark.parametrize('has_peers', [False, True])
+def test_the_recorder_reads_what_the_engines_read(*, has_peers: bool) -> None:
+    system = SecuredSystem('robot1', frozenset({'/odom'}), has_peers=has_peers)
+    found = enclaves(policy_text(system.enclaves(), ''))
+    remote = '/robot1/dyknow/federation/*'
+    for name in 'stream_processing_engine', 'black_box_recorder':
+        read = permitted(found[f'/robot1/{name}'], 'subscribe')
+        assert ('/odom' in read, remote in read) == (True, has_peers), name
 
 
 @pytest.mark.parametrize('kind', ACTION_KEYS)

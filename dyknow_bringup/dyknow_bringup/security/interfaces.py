@@ -20,6 +20,8 @@ REMOTE_STREAMS: Final = 'dyknow/federation/*'
 
 RECORDER_SERVICES: Final = ('save_black_box',)
 
+GUARD_SERVICES: Final = ('reset',)
+
 SERVICES: Final = {
     ENGINE: ('list_streams', 'stream_create_from_spec', 'stream_destroy'),
     'stream_manager': (
@@ -279,7 +281,7 @@ def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Inter
         | frozenset(f'{each}/_pulse' for each in watched)
         | frozenset(f'{each}/_heartbeat' for each in engines)
         | frozenset(map(streams_of, engines)),
-        serves=_services('~', 'reset'),
+        serves=_services('~', *GUARD_SERVICES),
         requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query'),
     )
     return DYKNOW_NODE | MONITOR | used
@@ -391,16 +393,20 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     )
 
 
-def administration(engines: Collection[str], others: Collection[str]) -> Interfaces:
+def administration(
+    engines: Collection[str], guards: Collection[str], others: Collection[str]
+) -> Interfaces:
     """Return what changes a running system: all services of its nodes, with their parameters.
 
     Args:
         engines: the names of the engines.
+        guards: the names of the guards.
         others: nodes that have parameters, and no services of their own.
     """
     nodes = {node: services for node, services in SERVICES.items() if node != ENGINE}
     nodes.update(dict.fromkeys(engines, SERVICES[ENGINE]))
     nodes[RECORDER] = RECORDER_SERVICES
+    nodes.update(dict.fromkeys(guards, GUARD_SERVICES))
     nodes.update(dict.fromkeys(others, ()))
     return Interfaces(
         requests=frozenset().union(

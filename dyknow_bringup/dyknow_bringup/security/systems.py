@@ -167,7 +167,8 @@ class SecuredSystem:
         """Return an enclave for each node, client and guard, administrators and commands."""
         engines = [self._absolute(each) for each in self.engines]
         monitor = monitor_interfaces(self.triggers)
-        page = dashboard_interfaces(engines, [each.name for each in self.guards], self.positions)
+        guards = [each.name for each in self.guards]
+        page = dashboard_interfaces(engines, guards, self.positions)
         commands, start, topics = (
             dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS),
             START,
@@ -188,14 +189,15 @@ class SecuredSystem:
             ),
             *federation,
             *(self.node(name, used) for name, used in node_interfaces(engines).items()),
-            self.node(RECORDER, recorder_interfaces(self.topics, engines)),
+            self.node(RECORDER, recorder_interfaces(topics, engines)),
             self.node('dyknow_up', start),
             self._enclave('dyknow_client', commands),
             self.node(FORMULA_MONITOR, DYKNOW_NODE | monitor),
             self._enclave('dyknow_monitor', {'dyknow_monitor_*': MONITOR_COMMAND | monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
             self._enclave(
-                'dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines, changed)}
+                'dyknow_admin',
+                {_ROS2_NODES: ROS_NODE | administration(engines, guards, changed)},
             ),
             *map(self._client, self.clients),
             *(
