@@ -251,6 +251,19 @@ def test_a_trigger_that_fails(observed: Observed, tmp_path: Path, text: str, act
         assert [entry for _, entry in use.log] == [f'{text}; attempt 2 in 1 s', text]
 
 
+def test_an_attempt_has_its_whole_time_after_one_that_failed_soon(
+    observed: Observed, tmp_path: Path
+) -> None:
+    """The limit of the first attempt, at 1.5 s, is not that of the second one, which ends later."""
+    marker = tmp_path / 'marker'
+    program = 'test -e "$0" && exec sleep 1; : >"$0"; exit 3'
+    words = json.dumps(['sh', '-c', program, str(marker)])
+    options = 'retries: 1, timeout: 1500 ms'
+    with observed.violated(tmp_path, f'{{run: {words}, {options}}}') as triggers:
+        observed.client.spin_until(lambda: triggers.is_idle, 'the second attempt')
+        assert triggers.uses[0].text == 'done in attempt 2'
+
+
 def test_a_server_that_refuses(observed: Observed, tmp_path: Path) -> None:
     observed.succeeds = False
     observed.serve()

@@ -183,7 +183,8 @@ class Triggers:
     def _attempt(self, attempt: TriggerAttempt) -> None:
         trigger = attempt.use.trigger
         limit = self._adapter.deadlines.after(trigger.timeout / SECOND_NS)
-        limit.add_done_callback(lambda _: self._expire(attempt))
+        number = attempt.number
+        limit.add_done_callback(lambda _: self._expire(attempt, number))
         self._pending[attempt] = lambda: ''
         try:
             give_up = self._actions[id(trigger)].begin(
@@ -195,10 +196,11 @@ class Triggers:
         if attempt in self._pending:
             self._pending[attempt] = give_up
 
-    def _expire(self, attempt: TriggerAttempt) -> None:
+    def _expire(self, attempt: TriggerAttempt, number: int) -> None:
         with self._lock:
             give_up = self._pending.get(attempt)
-            if give_up is not None:
+            # A later attempt of the run has a limit of its own.
+            if give_up is not None and attempt.number == number:
                 limit = round_duration(attempt.use.trigger.timeout)
                 self._end(attempt, f'{give_up()} within {limit}')
 
