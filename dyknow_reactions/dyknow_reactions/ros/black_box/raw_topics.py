@@ -32,10 +32,12 @@ class _RawTopic:
     """A topic with its subscription, once it has a publisher or its type is known.
 
     Args:
-        since: the time of the first subscription, nanoseconds; None before it.
+        since: the time from which on its messages are received, nanoseconds; None before it.
+        publishers: the number of those that the subscription is connected with.
     """
 
     since: int | None = None
+    publishers: int = 0
     request: Publication | None = None
     subscription: Any = None
     latest: int = 0
@@ -76,14 +78,19 @@ class RawTopics:
         return None if held is None else held.offer
 
     def recorded_from(self, topics: Iterable[str]) -> int:
-        """Return the time from which on all of these topics are received, nanoseconds.
+        """Return the time from which on all messages of these topics are received, nanoseconds.
 
         Topics without a subscription, which nobody has published yet, and latched ones, whose
         latest message comes later, too, are left out.
         """
-        held = (self._topics[each] for each in topics if each in self._topics)
-        times = (each.since or 0 for each in held if not (each.request and each.request.latched))
-        return max(times, default=0)
+        held = [self._topics[each] for each in topics if each in self._topics]
+        times = [
+            each.since
+            for each in held
+            if each.subscription is not None and not (each.request and each.request.latched)
+        ]
+        now = self._node.now()
+        return max((now if each is None else each for each in times), default=0)
 
     def follow(self, topics: Collection[str], states: Collection[str] = ()) -> list[str]:
         """Subscribe to these topics and no others; return the topics that were dropped.
@@ -98,6 +105,7 @@ class RawTopics:
             self._unsubscribe(self._topics.pop(topic))
         for topic in topics:
             held = self._topics.setdefault(topic, _RawTopic())
+            self._note_publishers(held, is_state=topic in states)
             try:
                 self._refresh(topic, held, STATES if topic in states else None)
                 held.fault = ''
@@ -107,21 +115,35 @@ class RawTopics:
             self._node.get_logger().warning(fault)
         return gone
 
+    def _note_publishers(self, held: _RawTopic, *, is_state: bool) -> None:
+        """Note from when on messages come: a publisher's first ones may be sent before it connects.
+
+        Called some time after the subscription: the publisher learns of it later than this node
+        of the publisher. The first states of a stream are known by their numbers.
+        """
+        if held.subscription is not None:
+            count = held.subscription.get_publisher_count()
+            if count > held.publishers and not is_state:
+                held.since = self._node.now()
+            held.publishers = count
+
     def _refresh(self, topic: str, held: _RawTopic, expected: Publication | None) -> None:
         found = find_publication(self._node, topic)
         if found is None:
             if expected is not None and held.subscription is None:
-                self._subscribe(topic, held, expected)
+                self._subscribe(topic, held, expected, is_state=True)
             return
         request = next_request(held.request, found)
         if held.request is None or held.request.publishers != found.publishers:
             held.offer = TopicOffer(request.type_name, self._offers(topic))
         is_suited = held.request is not None and request.suits(held.request)
         if held.subscription is None or not is_suited:
-            self._subscribe(topic, held, request)
+            self._subscribe(topic, held, request, is_state=expected is not None)
         held.request = request
 
-    def _subscribe(self, topic: str, held: _RawTopic, request: Publication) -> None:
+    def _subscribe(
+        self, topic: str, held: _RawTopic, request: Publication, *, is_state: bool
+    ) -> None:
         self._unsubscribe(held)
         held.subscription = self._node.create_subscription(
             message_class(request.type_name),
@@ -132,7 +154,7 @@ class RawTopics:
             callback_group=self._node.reentrant,
         )
         held.request = request
-        held.since = held.since or self._node.now()
+        held.since, held.publishers = (held.since or self._node.now()) if is_state else None, 0
 
     def _offers(self, topic: str) -> tuple[tuple[bool, bool, int], ...]:
         profiles = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
