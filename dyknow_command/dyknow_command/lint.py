@@ -127,20 +127,23 @@ def _notes(inputs: LintInputs) -> Iterator[Finding]:
 def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]:
     """Yield the faults of triggers that are known where ROS is: types, their fields, targets."""
     formulas = [each.requested for each in inputs.formulas if each.requested.on]
-    if not formulas:
+    for each in inputs.triggers:
+        text = "no formula names it, so it never runs; name it under 'on' of one, or remove it"
+        yield replace(_finding_of(each.error(text)), level=FindingLevel.WARNING)
+    if not formulas and not inputs.triggers:
         return
     try:
         from dyknow_reactions.ros.triggers import (  # noqa: PLC0415
             check_triggers,
             observe_target_faults,
         )
-    except ImportError as error:
-        _warn_of_types('triggers', error)
+    except ImportError as lack:
+        _warn_of_types('triggers', lack)
         return
-    errors = check_triggers(formulas)
-    for each in errors:
-        yield _finding_of(each)
-    if is_live and not errors:
+    errors = check_triggers(formulas, inputs.triggers)
+    for error in errors:
+        yield _finding_of(error)
+    if is_live and formulas and not errors:
         for fault in observe_target_faults(formulas):
             found = _finding_of(fault.error)
             level = FindingLevel.WARNING if fault.is_missing else FindingLevel.ERROR

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -82,6 +83,33 @@ def test_notes_on_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert code == 1
     assert f'{path}:4:17: warning: the time 5 has no unit' in shown
     assert f"{path}:5:26: warning: the comparison with 'prev' is false at the first" in shown
+
+
+def test_triggers_that_no_formula_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are checked, too: also without ROS, that they never run."""
+    path = tmp_path / 'robot.yaml'
+    text = (
+        'triggers:\n'
+        '  beep: {run: ["true"]}\n'
+        '  alarm: {publish: {topic: /a, type: std_msgs/msg/Bool, message: {dat: true}}}\n'
+        'formulas: [{name: near, formula: \'always "/scan".range_min > 0.3\', on: {false: NAME}}]\n'
+    )
+    unnamed = f"{path}:3:10: warning: trigger 'alarm': no formula names it, so it never runs"
+    path.write_text(text.replace('NAME', 'beep'), encoding='utf-8')
+    monkeypatch.setitem(sys.modules, 'dyknow_reactions.ros.triggers', None)
+    code, shown = lint(capsys, path)
+    assert (code, shown.count(unnamed), shown.count(': trigger ')) == (1, 1, 1), shown
+    # A formula at fault may name it.
+    path.write_text(text.replace('NAME', 'alarn'), encoding='utf-8')
+    assert 'no formula names it' not in lint(capsys, path)[1]
+    pytest.importorskip('rclpy')
+    monkeypatch.delitem(sys.modules, 'dyknow_reactions.ros.triggers')
+    path.write_text(text.replace('NAME', 'beep'), encoding='utf-8')
+    code, shown = lint(capsys, path)
+    assert (code, unnamed in shown, shown.count(': trigger ')) == (1, True, 2), shown
+    assert "error: trigger 'alarm': std_msgs/msg/Bool has no field 'dat'" in shown
 
 
 STATION = """\

@@ -146,6 +146,7 @@ def robot_of(
         federation=read_federation(values['federation']) if 'federation' in values else None,
         forecasts=tuple(forecasts.features),
         map=positions.map,
+        triggers=tuple(triggers.values()),
     )
 
 

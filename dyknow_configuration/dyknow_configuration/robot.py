@@ -20,7 +20,7 @@ from dyknow_common import (
 )
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.federation import RequestedFederation
-from dyknow_configuration.triggers import FormulaTriggers
+from dyknow_configuration.triggers import FormulaTriggers, Trigger
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 from dyknow_space import Region
 
@@ -327,6 +327,7 @@ class RobotConfiguration:
         federation: with other hosts; None: this host has no peers.
         forecasts: of features.
         map: of its regions.
+        triggers: that have names, whether a formula names them or not.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -342,3 +343,4 @@ class RobotConfiguration:
     federation: RequestedFederation | None = None
     forecasts: tuple[FeatureForecast, ...] = ()
     map: RobotMap = NO_MAP
+    triggers: tuple[Trigger, ...] = ()

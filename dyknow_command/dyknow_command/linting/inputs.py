@@ -25,6 +25,7 @@ from dyknow_configuration import (
     RobotFaults,
     TextSource,
     TopicExpectation,
+    Trigger,
     YamlValue,
     find_faults,
     formula_lines,
@@ -85,6 +86,7 @@ class LintInputs:
         expectations: of a robot.yaml about topics.
         shared: the features that a robot.yaml shares with peers.
         guards: of a robot.yaml.
+        triggers: of a robot.yaml that no formula names.
         has_peers: True if sorts, features, objects and streams may come from peers, too.
     """
 
@@ -100,6 +102,7 @@ class LintInputs:
     expectations: list[TopicExpectation] = field(default_factory=list)
     shared: set[str] = field(default_factory=set)
     guards: list[RequestedGuard] = field(default_factory=list)
+    triggers: list[Trigger] = field(default_factory=list)
     has_peers: bool = False
 
     def is_consequence(self, message: str) -> bool:
@@ -185,6 +188,10 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
     inputs.formulas += _placed_of_guards(robot, found.document)
     inputs.expectations += robot.topics
     inputs.guards += robot.guards
+    named = {id(each) for formula in robot.formulas for _, each in formula.on}
+    # A formula that is at fault may name any.
+    triggers = () if found.refused else robot.triggers
+    inputs.triggers += [each for each in triggers if id(each) not in named]
     if robot.federation is not None:
         inputs.has_peers = True
         inputs.shared |= {each.name for each in robot.federation.share}

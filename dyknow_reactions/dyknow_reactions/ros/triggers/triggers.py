@@ -240,9 +240,16 @@ class Triggers:
         )
 
 
-def check_triggers(formulas: Sequence[RequestedFormula]) -> list[DyKnowError]:
-    """Return the faults of the triggers of formulas: types, fields and commands; needs no node."""
-    triggers = triggers_of(formulas)
+def check_triggers(
+    formulas: Sequence[RequestedFormula], others: Sequence[Trigger] = ()
+) -> list[DyKnowError]:
+    """Return the faults of triggers: their types, fields and commands; needs no node.
+
+    Args:
+        formulas: with triggers.
+        others: triggers that none of these has.
+    """
+    triggers = [*triggers_of(formulas), *others]
     found: list[DyKnowError] = [*type_conflicts(triggers)]
     for trigger in triggers:
         try:
