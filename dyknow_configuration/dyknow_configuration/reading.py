@@ -120,9 +120,8 @@ def robot_of(
     positions = read_positions(values, vocabulary, regions)
     constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
     triggers = read_triggers(values['triggers']) if 'triggers' in values else NO_TRIGGERS
-    formulas = formulas_of(
-        [values['formulas']] if 'formulas' in values else [], constants, triggers
-    )
+    stated = [values['formulas']] if 'formulas' in values else []
+    formulas = formulas_of(stated, constants, triggers)
     guards = read_guards(values['guards'], formulas, constants) if 'guards' in values else ()
     forecasts = read_forecasts(values, vocabulary, calibrated=calibrated)
     if calibrated:

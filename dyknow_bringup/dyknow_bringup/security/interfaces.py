@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Final
 
@@ -393,21 +393,16 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     )
 
 
-def administration(
-    engines: Collection[str], guards: Collection[str], others: Collection[str]
-) -> Interfaces:
+def administration(engines: Collection[str], others: Mapping[str, Collection[str]]) -> Interfaces:
     """Return what changes a running system: all services of its nodes, with their parameters.
 
     Args:
         engines: the names of the engines.
-        guards: the names of the guards.
-        others: nodes that have parameters, and no services of their own.
+        others: the services of further nodes, by the names of these.
     """
-    nodes = {node: services for node, services in SERVICES.items() if node != ENGINE}
+    nodes = {**SERVICES, RECORDER: RECORDER_SERVICES, **others}
+    del nodes[ENGINE]
     nodes.update(dict.fromkeys(engines, SERVICES[ENGINE]))
-    nodes[RECORDER] = RECORDER_SERVICES
-    nodes.update(dict.fromkeys(guards, GUARD_SERVICES))
-    nodes.update(dict.fromkeys(others, ()))
     return Interfaces(
         requests=frozenset().union(
             *(_services(node, *names, *PARAMETER_SERVICES) for node, names in nodes.items())

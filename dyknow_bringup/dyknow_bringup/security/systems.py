@@ -22,6 +22,7 @@ from dyknow_bringup.security.interfaces import (
     ENGINE,
     FEDERATION,
     FEDERATION_HEALTH,
+    GUARD_SERVICES,
     MARKERS,
     MONITOR_COMMAND,
     PLAIN_NODE,
@@ -169,19 +170,16 @@ class SecuredSystem:
         monitor = monitor_interfaces(self.triggers)
         guards = [each.name for each in self.guards]
         page = dashboard_interfaces(engines, guards, self.positions)
-        commands, start, topics = (
-            dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS),
-            START,
-            self.topics,
-        )
+        commands = dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)
+        start, topics = START, self.topics
         federation: list[Enclave] = []
-        changed = [FORMULA_MONITOR]
+        changed = {FORMULA_MONITOR: (), **dict.fromkeys(guards, GUARD_SERVICES)}
         if self.has_peers:
             commands[f'{FEDERATION}_*'] = PLAIN_NODE | SHOW_FEDERATION
             start, topics = START | WATCH_FEDERATION, topics | {REMOTE_STREAMS}
             page |= FEDERATION_HEALTH
             federation.append(self.node(FEDERATION, federation_interfaces(engines)))
-            changed.append(FEDERATION)
+            changed[FEDERATION] = ()
         return (
             *(
                 self.node(each, engine_interfaces(each, engines, topics, self.outputs))
@@ -196,8 +194,7 @@ class SecuredSystem:
             self._enclave('dyknow_monitor', {'dyknow_monitor_*': MONITOR_COMMAND | monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
             self._enclave(
-                'dyknow_admin',
-                {_ROS2_NODES: ROS_NODE | administration(engines, guards, changed)},
+                'dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines, changed)}
             ),
             *map(self._client, self.clients),
             *(
