@@ -143,7 +143,8 @@ class FormulaEvents:
             yield from self._end_of_violation(now, answer.margin, is_false=is_false)
             if not self._formula.every_state:
                 verdict = Verdict.TRUE if answer.verdict is Verdict.TRUE else Verdict.FALSE
-                event, time = TriggerEvent(verdict.name.lower()), answer.decided_at or now
+                event = TriggerEvent(verdict.name.lower())
+                time = now if answer.decided_at is None else answer.decided_at
                 yield self._report(event, verdict, answer.explanation, time, answer.margin)
         elif error.code not in _NO_VIOLATIONS and not self._violation:
             self._violation = f'{error.code.name}: {error.message}'

@@ -211,6 +211,14 @@ def test_an_alarm_lasts_until_the_restarted_formula_holds() -> None:
     assert found == [[TriggerEvent.FALSE], [], [], [TriggerEvent.CLEAR]]
 
 
+@pytest.mark.parametrize(('decided_at', 'time'), [(None, 7), (0, 0), (3, 3)])
+def test_an_event_has_the_time_of_the_deciding_state(decided_at: int | None, time: int) -> None:
+    """Simulated time begins at 0."""
+    events = FormulaEvents(RequestedFormula('p'))
+    (report,) = events.on_answer(Answer(Verdict.FALSE, decided_at), 7)
+    assert report.time == time
+
+
 def test_no_alarm_is_over_for_a_moment_when_states_come_again_in_an_episode() -> None:
     """The first report on the new states tells their verdicts, and no progress yet."""
     events = FormulaEvents(RequestedFormula('p', every_state=True))
