@@ -180,6 +180,7 @@ class RawTopics:
             received = time_of_receipt(received, info.get('source_timestamp') or received)
         if now < held.latest - _STEP_BACK_NS:
             held.latest = 0
+            held.since = None if held.since is None else min(held.since, now)
             self._on_restart(topic)
         held.latest = max(held.latest, received)
         is_latched = held.request is not None and held.request.latched
