@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded import at, recording, sample
+from recorded import at, carried, recording, sample
 
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import probability_of
@@ -290,3 +291,24 @@ def test_values_of_the_past_are_shown_by_their_features() -> None:
     (panel,), _ = panels(report)
     assert [each.name for each in panel.signals] == ['"/a".x']
     assert not panel.thresholds
+
+
+def test_signals_of_a_formula_that_has_ended_do_not_change_another() -> None:
+    """The signals of /c go on after 0 s, while /c stands in for /b, with stamps out of order."""
+    sources = tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'abc')
+    messages = [sample('/a', n / 10, v=1.0) for n in range(20)]
+    messages += [sample('/b', n / 10, v=1.0) for n in range(90)]
+    messages += [sample('/c', 0, v=9.0), sample('/c', 6.99, v=1.0)]
+    messages += [sample('/c', 6.95, delay=0.06, v=1.0)]
+    messages += [sample('/c', 7.2 + n / 10, v=1.0) for n in range(148)]
+    requested = [RequestedFormula('always Power < 4'), RequestedFormula('always "/c".v < 4')]
+    with carried({'Power': sources}):
+        source = recording(messages, publishers=1)
+        plain = evaluate_recording(source, requested)
+        drawn = evaluate_recording(source, requested, keep_signals=True)
+    assert plain.formulas[0].states > 200
+    without = tuple(replace(each, signals=None) for each in drawn.formulas)
+    assert repr(replace(drawn, formulas=without)) == repr(plain)
+    assert drawn.formulas[1].signals is not None
+    # The stamp out of order ends the states of /c, which nobody needs.
+    assert drawn.formulas[1].signals.signals['"/c".v'].times.tolist() == [at(0), at(6.99)]

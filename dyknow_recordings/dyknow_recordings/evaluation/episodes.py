@@ -124,6 +124,7 @@ class EpisodeGroup:
     ) -> None:
         self.formulas = formulas
         self.observer = observer
+        self.is_observed_to_end = observer is not None and observer.outlives_formulas
         self.has_ended = False
         """True if no state can change anything any more."""
         self._group = FormulaGroup()
@@ -213,10 +214,10 @@ class EpisodeGroup:
             start = 1
         single = {name: each[:start] for name, each in columns.items()}
         for time, values in rows_of(valid_times[:start], single):
-            if self.has_ended and not self.observer:
+            if self.has_ended and not self.is_observed_to_end:
                 return
             self.progress(time, values)
-        if start < len(valid_times) and (self.observer or not self.has_ended):
+        if start < len(valid_times) and (self.is_observed_to_end or not self.has_ended):
             self._progress_columns(
                 valid_times[start:], {name: each[start:] for name, each in columns.items()}
             )

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from operator import attrgetter
 from typing import Final
@@ -106,7 +107,8 @@ def evaluate_recording(
     Raises:
         DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
     """
-    return RecordingEvaluation(
+    make = partial(
+        RecordingEvaluation,
         recording,
         formulas,
         files,
@@ -114,11 +116,24 @@ def evaluate_recording(
         keep_signals=keep_signals,
         margins=margins,
         probabilities=probabilities,
-    ).run()
+    )
+    evaluation = make()
+    report = evaluation.run()
+    if not (keep_signals and evaluation.has_ended_early):
+        return report
+    # States that are made for pictures alone share operators with those of other formulas, which
+    # may change these. So another evaluation makes them.
+    observed = make(observes_to_end=True).run().formulas
+    pairs = zip(report.formulas, observed, strict=True)
+    drawn = tuple(replace(each, signals=other.signals) for each, other in pairs)
+    return replace(report, formulas=drawn)
 
 
 class RecordingEvaluation:
-    """The evaluation of formulas over one recording; see `evaluate_recording`."""
+    """The evaluation of formulas over one recording; see `evaluate_recording`.
+
+    With `observes_to_end`, the signals do not end with the formulas.
+    """
 
     def __init__(
         self,
@@ -128,11 +143,13 @@ class RecordingEvaluation:
         start: EpisodeStart,
         *,
         keep_signals: bool = False,
+        observes_to_end: bool = False,
         margins: bool = False,
         probabilities: bool = False,
     ) -> None:
         self._recording = recording
-        self._keep_signals, self._start = keep_signals, start
+        self._keep_signals, self._observes_to_end = keep_signals, observes_to_end
+        self._start = start
         self._margins, self._probabilities = margins, probabilities
         self._missing_is_unknown = files.missing_is_unknown
         self._silence_limit = files.silence_limit
@@ -152,6 +169,8 @@ class RecordingEvaluation:
         self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
+        self.has_ended_early = False
+        """True if states came to an end before the recording, with their formulas."""
         self._has_started = False
         self._losses: list[LostMessages] = []
         self._losses_to_come: list[LostMessages] = []
@@ -300,6 +319,7 @@ class RecordingEvaluation:
                 is_asked_once=all(
                     each.episodes and each.episodes.every is Every.FIRST for each, _ in members
                 ),
+                outlives_formulas=self._observes_to_end,
             )
         episodes = EpisodeGroup(
             [each.episodes for each, _ in members if each.episodes],
@@ -360,6 +380,7 @@ class RecordingEvaluation:
                 self._pending.pop().react(now)
             running = [group for group in self._running if not group.has_ended]
             if len(running) < len(self._running):
+                self.has_ended_early = True
                 self._streams.keep(frozenset().union(*(each.origins for each in running)))
             self._running = running
 

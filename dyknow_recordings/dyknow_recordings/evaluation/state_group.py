@@ -98,12 +98,14 @@ class StateGroup:
     @property
     def has_ended(self) -> bool:
         """True if all formulas have their results, and nobody observes the states."""
-        return self.episodes.has_ended and not (self._line.stream and self.episodes.observer)
+        return self.episodes.has_ended and not (
+            self._line.stream and self.episodes.is_observed_to_end
+        )
 
     @property
     def _is_idle(self) -> bool:
         """True if a stream is made that nobody needs any more."""
-        is_in_use = self.episodes.observer and self._standby.stream is None
+        is_in_use = self.episodes.is_observed_to_end and self._standby.stream is None
         return self.episodes.has_ended and not is_in_use
 
     @property
@@ -162,7 +164,7 @@ class StateGroup:
         # States that are only observed any more are not made of other streams.
         if self.episodes.has_ended:
             self._standby.end()
-            if faults or not self.episodes.observer:
+            if faults or not self.episodes.is_observed_to_end:
                 faults.clear()
                 self._destroy()
 
