@@ -9,6 +9,7 @@ states is a verdict of the formula (`suffix_report`):
 
     always F, with F about the present and the future    false from a later state: false
     the same formula asked at every state                the verdict from each state
+    asked where a trigger begins to hold                 likewise, but at the first state
     eventually[0 s, 5 s] F, or F with past operators     unknown: the states before may decide it
 """
 
@@ -268,11 +269,20 @@ def lacking_states(formula: Formula, *, every_state: bool) -> str:
     return '' if every_state or is_invariant(formula) else 'depends on its first state'
 
 
-def suffix_report(report: FormulaReport, *, every_state: bool) -> FormulaReport:
-    """Return the results of a formula over a part of a recording, without unsound verdicts."""
+def suffix_report(report: FormulaReport, *, every_state: bool, trigger: str = '') -> FormulaReport:
+    """Return the results of a formula over a part of a recording, without unsound verdicts.
+
+    Args:
+        report: over the part.
+        every_state: True if the formula was asked at every state, or at each that ...
+        trigger: ... begins to satisfy this formula.
+    """
     if report.error is not None:
         return report
-    if not (reason := lacking_states(parse_formula(report.formula), every_state=every_state)):
+    reason = lacking_states(parse_formula(report.formula), every_state=every_state)
+    if not reason and trigger:
+        reason = lacking_states(parse_formula(trigger), every_state=True)
+    if not reason:
         return report
     error = RecordingError(
         f'the recording is cut from another one, which has states before; the verdict {reason}: '

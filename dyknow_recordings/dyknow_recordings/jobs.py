@@ -102,7 +102,8 @@ class RecordingJob:
 
     def _report(self) -> RecordingReport:
         with open_recording(self.path, self.types) as recording:
-            start = self._start(recording.start_time)
+            is_suffix = recording.is_suffix and self.black_box is None
+            start = replace(self._start(recording.start_time), is_suffix=is_suffix)
             report = evaluate_recording(
                 recording,
                 self.formulas,
@@ -118,7 +119,6 @@ class RecordingJob:
                 moments = [each.decided_at for each in failures if each and each.decided_at]
                 found = recorded_map(recording, self.map, self.files.streams, moments)
                 report = replace(report, map=found)
-            is_suffix = recording.is_suffix and self.black_box is None
         if self.black_box is not None:
             report = self.black_box.judged(report)
         if is_suffix:
@@ -127,11 +127,12 @@ class RecordingJob:
 
     def _suffix_report(self, report: RecordingReport) -> RecordingReport:
         pairs = zip(report.formulas, self.formulas, strict=True)
+        trigger = '' if self.every in {Every.FIRST, Every.STATE} else self.every
         formulas = (
             suffix_report(
                 each,
-                every_state=self.every == Every.STATE
-                or (self.every == Every.FIRST and requested.every_state),
+                every_state=self.every != Every.FIRST or requested.every_state,
+                trigger=trigger,
             )
             for each, requested in pairs
         )

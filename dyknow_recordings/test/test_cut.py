@@ -237,6 +237,36 @@ def test_verdicts_that_need_what_is_cut_away_are_errors(tmp_path: Path) -> None:
         assert 'cut from another one' in str(each.error)
 
 
+EARLIER = 'so it may have begun to hold before'
+
+
+@pytest.mark.parametrize(
+    ('formula', 'every', 'outcome', 'words'),
+    [
+        ('"/a".data < 9', '"/a".data > 5', Outcome.FALSE, ''),
+        ('"/a".data < 99', '"/a".data > 5', Outcome.TRUE, ''),
+        ('"/a".data < 99', '"/a".data > 99', Outcome.UNDECIDED, ''),
+        ('"/a".data < 99', '"/a".data < 5', Outcome.ERROR, EARLIER),
+        ('"/a".data < 0', '"/a".data < 5', Outcome.FALSE, ''),
+        ('"/mode".data < 0', '"/mode".data = 7', Outcome.ERROR, EARLIER),
+        ('once "/a".data > 9', '"/a".data > 5', Outcome.ERROR, 'looks back'),
+        ('"/a".data < 9', 'previous "/a".data > 5', Outcome.ERROR, 'looks back'),
+    ],
+)
+def test_episodes_that_begin_in_a_part(
+    tmp_path: Path, formula: str, every: str, outcome: Outcome, words: str
+) -> None:
+    path = tmp_path / 'flight'
+    latched_bag(path)
+    assert run_cut(path, '--around', '150', '--before', '2', '-o', tmp_path / 'parts') == 0
+    (part,) = (tmp_path / 'parts').iterdir()
+    requested = (RequestedFormula(formula),)
+    report = RecordingJob('', part, requested, MonitoringFiles(), every=every).run()
+    assert isinstance(report, RecordingReport)
+    (found,) = report.formulas
+    assert (found.outcome, words in found.reason) == (outcome, True), found
+
+
 def test_a_trace(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'trace.csv'
     rows = [f'{time},{int(time == 30)},{"true" if time > 20 else "auto"}' for time in range(10, 60)]

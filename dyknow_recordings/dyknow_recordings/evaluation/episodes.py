@@ -62,12 +62,14 @@ class EpisodeStart:
         trigger: the formula, if `every` is TRIGGER.
         first_state: the valid time of the first state of formulas that were asked before it, in
             nanoseconds; what happens before does not count.
+        is_suffix: True if states before the first one are not recorded.
     """
 
     begin: int = BEGINNING
     every: Every = Every.FIRST
     trigger: str = ''
     first_state: int = BEGINNING
+    is_suffix: bool = False
 
 
 FROM_FIRST_STATE: Final = EpisodeStart()
@@ -94,6 +96,8 @@ class FormulaEpisodes:
     """The index in `episodes` of the undecided ones, by the id of the formula."""
     probability: FormulaProbability | None = None
     """The probability of the formula, if it is asked for."""
+    begin_is_unknown: bool = False
+    """True if its trigger holds at the first state, and states before are not recorded."""
 
     @property
     def has_ended(self) -> bool:
@@ -113,6 +117,7 @@ class EpisodeGroup:
         domains: the objects of each sort.
         observer: receives the states.
         unknown: the features that may be unknown at a state.
+        is_suffix: True if states before the first one are not recorded.
     """
 
     def __init__(
@@ -121,10 +126,13 @@ class EpisodeGroup:
         domains: Mapping[str, tuple[str, ...]],
         observer: SignalRecorder | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
+        *,
+        is_suffix: bool = False,
     ) -> None:
         self.formulas = formulas
         self.observer = observer
-        self.is_observed_to_end = observer is not None and observer.outlives_formulas
+        self.is_observed_to_end = False
+        """True if the observer also receives the states that no formula needs any more."""
         self.has_ended = False
         """True if no state can change anything any more."""
         self._group = FormulaGroup()
@@ -136,7 +144,7 @@ class EpisodeGroup:
         }
         self._unknown = unknown
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
-        self._states = 0
+        self._states, self._is_suffix = 0, is_suffix
         self.losses: list[LostMessages] = []
         """The messages that states are missing for."""
         self._owners: dict[int, FormulaEpisodes] = {}
@@ -244,6 +252,8 @@ class EpisodeGroup:
             begins = rising.get(each.grounded.trigger, False)
             if isinstance(begins, DyKnowError):
                 self._fail(each, begins)
+            elif begins and self._is_suffix and self._states == 1:
+                each.begin_is_unknown = True
             elif begins:
                 self._open(each)
 
@@ -315,11 +325,13 @@ class EpisodeGroup:
 
     def finish(self) -> None:
         """Record what remains of the undecided episodes: errors, if messages are lost."""
-        for each in self._running if self.losses else ():
+        for each in self._running:
+            if not (self.losses or each.begin_is_unknown):
+                continue
             is_standing = each in self._standing
             found = self._standing[each].episodes() if is_standing else each.episodes
             if all(episode.verdict is not Verdict.FALSE for episode in found):
-                self._fail(each, self._loss())
+                self._fail(each, self._loss() if self.losses else _unknown_begin(each))
         for each in self.formulas:
             if not each.has_ended:
                 each.states = self._states
@@ -423,6 +435,15 @@ class _Trigger:
             return result.error
         held, self._held = self._held, result.verdict is Verdict.TRUE
         return self._held and not held
+
+
+def _unknown_begin(formula: FormulaEpisodes) -> RecordingError:
+    return RecordingError(
+        f'the recording is cut from another one, which has states before; the trigger '
+        f"'{formula.grounded.trigger}' holds at the first state, so it may have begun to hold "
+        'before: check the other one',
+        ExitCode.NOT_FOUND,
+    )
 
 
 def looks_back(formula: Formula) -> bool:

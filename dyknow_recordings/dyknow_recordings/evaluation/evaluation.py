@@ -119,21 +119,25 @@ def evaluate_recording(
     )
     evaluation = make()
     report = evaluation.run()
-    if not (keep_signals and evaluation.has_ended_early):
-        return report
-    # States that are made for pictures alone share operators with those of other formulas, which
-    # may change these. So another evaluation makes them.
-    observed = make(observes_to_end=True).run().formulas
-    pairs = zip(report.formulas, observed, strict=True)
-    drawn = tuple(replace(each, signals=other.signals) for each, other in pairs)
-    return replace(report, formulas=drawn)
+    if keep_signals and evaluation.has_ended_early:
+        return _with_signals(report, make())
+    return report
+
+
+def _with_signals(report: RecordingReport, another: RecordingEvaluation) -> RecordingReport:
+    """Return a report with the signals until the end, which another evaluation keeps.
+
+    States that are made for pictures alone share operators with those of other formulas, and may
+    change the results of these.
+    """
+    another.observe_to_end()
+    pairs = zip(report.formulas, another.run().formulas, strict=True)
+    formulas = tuple(replace(each, signals=other.signals) for each, other in pairs)
+    return replace(report, formulas=formulas)
 
 
 class RecordingEvaluation:
-    """The evaluation of formulas over one recording; see `evaluate_recording`.
-
-    With `observes_to_end`, the signals do not end with the formulas.
-    """
+    """The evaluation of formulas over one recording; see `evaluate_recording`."""
 
     def __init__(
         self,
@@ -143,13 +147,11 @@ class RecordingEvaluation:
         start: EpisodeStart,
         *,
         keep_signals: bool = False,
-        observes_to_end: bool = False,
         margins: bool = False,
         probabilities: bool = False,
     ) -> None:
         self._recording = recording
-        self._keep_signals, self._observes_to_end = keep_signals, observes_to_end
-        self._start = start
+        self._keep_signals, self._start = keep_signals, start
         self._margins, self._probabilities = margins, probabilities
         self._missing_is_unknown = files.missing_is_unknown
         self._silence_limit = files.silence_limit
@@ -169,8 +171,6 @@ class RecordingEvaluation:
         self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
-        self.has_ended_early = False
-        """True if states came to an end before the recording, with their formulas."""
         self._has_started = False
         self._losses: list[LostMessages] = []
         self._losses_to_come: list[LostMessages] = []
@@ -179,6 +179,16 @@ class RecordingEvaluation:
         # The log time up to which all messages have been progressed.
         self._reached = BEGINNING
         self._next_look = max(recording.start_time, start.begin)
+
+    def observe_to_end(self) -> None:
+        """Keep signals also of the states that no formula needs any more."""
+        for group in self._groups:
+            group.episodes.is_observed_to_end = group.episodes.observer is not None
+
+    @property
+    def has_ended_early(self) -> bool:
+        """True if states may have come to an end before the recording, with their formulas."""
+        return any(group.has_ended for group in self._groups)
 
     def run(self) -> RecordingReport:
         """Read the recording and return the results."""
@@ -319,13 +329,13 @@ class RecordingEvaluation:
                 is_asked_once=all(
                     each.episodes and each.episodes.every is Every.FIRST for each, _ in members
                 ),
-                outlives_formulas=self._observes_to_end,
             )
         episodes = EpisodeGroup(
             [each.episodes for each, _ in members if each.episodes],
             domains,
             observer,
             UnknownFeatures(ranges, all_may_be=self._missing_is_unknown),
+            is_suffix=self._start.is_suffix,
         )
         group = StateGroup(
             name,
@@ -380,7 +390,6 @@ class RecordingEvaluation:
                 self._pending.pop().react(now)
             running = [group for group in self._running if not group.has_ended]
             if len(running) < len(self._running):
-                self.has_ended_early = True
                 self._streams.keep(frozenset().union(*(each.origins for each in running)))
             self._running = running
 

@@ -162,7 +162,6 @@ class SignalRecorder:
         block: the number of single states that are collected to be added together.
         is_asked_once: True if formulas are asked from the first state on alone, and it is recorded:
             then probabilities of the future are those of all states.
-        outlives_formulas: True if states are recorded that no formula needs any more.
     """
 
     def __init__(
@@ -173,9 +172,8 @@ class SignalRecorder:
         block: int = 4096,
         *,
         is_asked_once: bool = True,
-        outlives_formulas: bool = False,
     ) -> None:
-        self._block, self.outlives_formulas = block, outlives_formulas
+        self._block = block
         named = _named(terms)
         self._terms = dict(list(named.items())[:MAX_SIGNALS])
         self._omitted = len(named) - len(self._terms)
