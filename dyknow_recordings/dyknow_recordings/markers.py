@@ -191,8 +191,14 @@ def _regions(
 def _responsible(status: EvaluationStatus) -> list[str]:
     """Return the ground features that a false formula's explanation names; otherwise all."""
     symbols = [each.symbol for each in status.groundings]
-    named = [symbol for symbol in symbols if symbol in status.explanation]
+    named = [symbol for symbol in symbols if _is_named(symbol, status.explanation)]
     return named if status.verdict is Verdict.FALSE and named else symbols
+
+
+def _is_named(symbol: str, text: str) -> bool:
+    """Return True if a text has a ground feature that is not a part of a longer name."""
+    alone = rf"""(?<![\w:."]){re.escape(symbol)}(?![\w'\[]|\.\w)"""
+    return re.search(alone, text, re.ASCII) is not None
 
 
 def _pairs(

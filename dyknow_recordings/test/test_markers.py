@@ -100,6 +100,34 @@ def test_the_responsible_pair_has_its_own_colour() -> None:
     assert colours == [NOT_RESPONSIBLE, COLOURS[Level.ERROR]]
 
 
+def colours_of_pairs(*symbols: str, explanation: str) -> list[object]:
+    status = replace(
+        SEPARATION,
+        groundings=grounded(*symbols),
+        phase=EvaluationPhase.ENDED,
+        verdict=Verdict.FALSE,
+        explanation=explanation,
+    )
+    return [line.colour for line in draw(status, shape=MarkerShape.LINES)]
+
+
+@pytest.mark.parametrize('other', ['XYDist', 'robot2:Dist', 'a.Dist'])
+def test_a_name_in_a_longer_one_is_not_responsible(other: str) -> None:
+    third = 'XYDist[uav3, uav1]'
+    explanation = f'{other}[uav2, uav1] = 9.5 at 12.000 s is not > 10; {third} = 1'
+    found = colours_of_pairs('Dist[uav2, uav1]', third, explanation=explanation)
+    assert found == [NOT_RESPONSIBLE, COLOURS[Level.ERROR]]
+
+
+@pytest.mark.parametrize('form', ['{}', '({}) + 1', 'for x = uav1: {}.', '-{}', 'abs({}), 2'])
+def test_a_name_in_an_expression_is_responsible(form: str) -> None:
+    symbols = 'Dist[uav2, uav1]', "Dist'[uav2, uav1]"
+    for number, each in enumerate(symbols):
+        found = colours_of_pairs(*symbols, explanation=form.format(each))
+        assert found[number] == COLOURS[Level.ERROR]
+        assert found[1 - number] == NOT_RESPONSIBLE
+
+
 def test_a_fence_is_a_box_with_edges() -> None:
     box, edges = draw(CEILING)[:2]
     assert (box.shape, edges.shape) == (MarkerShape.BOX, MarkerShape.LINES)
