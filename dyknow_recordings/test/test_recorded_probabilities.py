@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,23 @@ def test_states_are_read_until_the_probability_is_known(tmp_path: Path) -> None:
     assert found['episodes'][0]['decided_at_ns'] == 10**9
     assert found['probability']['upper'] == pytest.approx(0.69146 * 0.30854 * 0.76025, abs=1e-4)
     assert found['states'] == 3
+
+
+@pytest.mark.parametrize('row', ['3,3,-1,true', '3,nan,1,true'])
+@pytest.mark.parametrize('body', ['always x > 2.5', 'eventually x < 2.5', 'always busy'])
+def test_a_fault_after_the_verdict_is_none_of_it(tmp_path: Path, body: str, row: str) -> None:
+    path = tmp_path / 'trace.csv'
+    path.write_text(f'{TRACE}{row}\n4,3,1,true\n')
+    options = path, '--json', '--formula', f'let x ~ normal(x, sqrt(var), 0 s) in {body}'
+    plain, asked = run_check(*options), run_check(*options, '--probability')
+    assert asked.code == plain.code
+    (expected,), (found,) = plain.formulas, asked.formulas
+    for each in 'outcome', 'episodes', 'error', 'violations', 'gaps', 'events':
+        assert found[each] == expected[each]
+    lacks = f"'let x ~ normal(x, sqrt(var), 0 s) in {body}' has no probability: "
+    assert any(each.startswith(lacks) for each in json.loads(asked.out)['notes']) is (
+        'x >' in body or 'x <' in body
+    )
 
 
 def test_episodes_have_no_probability(tmp_path: Path) -> None:

@@ -115,13 +115,33 @@ def evaluate_recording(
         start,
         keep_signals=keep_signals,
         margins=margins,
-        probabilities=probabilities,
     )
-    evaluation = make()
-    report = evaluation.run()
-    if keep_signals and evaluation.has_ended_early:
-        return _with_signals(report, make())
+    report = (evaluation := make()).run()
+    if probabilities:
+        report = _with_probabilities(report, make(probabilities=True).run())
+    if keep_signals and (probabilities or evaluation.has_ended_early):
+        report = _with_signals(report, make(probabilities=probabilities))
     return report
+
+
+def _with_probabilities(report: RecordingReport, another: RecordingReport) -> RecordingReport:
+    """Return a report with the probabilities that another evaluation has computed.
+
+    They need further features, and states after the verdict, whose faults are none of the verdict.
+    """
+    notes, formulas = list(report.notes), []
+    for each, other in zip(report.formulas, another.formulas, strict=True):
+        if other.error and not each.error:
+            notes.append(f"'{each.name}' has no probability: {other.error}")
+        found = replace(
+            each,
+            states=max(each.states, other.states),
+            probability=other.probability,
+            probability_so_far=other.probability_so_far,
+            asked_probability=other.asked_probability,
+        )
+        formulas.append(found)
+    return replace(report, formulas=tuple(formulas), notes=tuple(notes))
 
 
 def _with_signals(report: RecordingReport, another: RecordingEvaluation) -> RecordingReport:
