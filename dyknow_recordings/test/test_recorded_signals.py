@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded import at, carried, recording, sample
 
+from dyknow_common import SECOND_NS
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import probability_of
 from dyknow_recordings.evaluation import observation
@@ -28,6 +29,8 @@ from dyknow_recordings.evaluation.observation import (
     terms_of,
 )
 from dyknow_recordings.reporting.pictures.panels import panels
+from dyknow_recordings.reporting.pictures.timeline import extent
+from dyknow_recordings.reporting.verdict_recording import LogTimes
 
 STEPS = st.lists(st.integers(1, 10**6), min_size=1, max_size=400)
 NAN = float('nan')
@@ -312,3 +315,23 @@ def test_signals_of_a_formula_that_has_ended_do_not_change_another() -> None:
     assert drawn.formulas[1].signals is not None
     # The stamp out of order ends the states of /c, which nobody needs.
     assert drawn.formulas[1].signals.signals['"/c".v'].times.tolist() == [at(0), at(6.99)]
+
+
+@pytest.mark.parametrize('keep_signals', [False, True])
+def test_times_of_another_clock_count_from_the_first_state(*, keep_signals: bool) -> None:
+    """They did from the first episode, unless there was a picture."""
+    messages = [
+        sample('/a', n / 10, x=float(n))._replace(stamp=(100 + n) * SECOND_NS // 10)
+        for n in range(100)
+    ]
+    start = EpisodeStart(every=Every.TRIGGER, trigger='"/a".x > 50')
+    report = evaluate_recording(
+        recording(messages),
+        [RequestedFormula('eventually[0 s, 1 s] "/a".x < 3')],
+        start=start,
+        keep_signals=keep_signals,
+    )
+    (episode,) = report.formulas[0].episodes
+    assert (episode.begin, episode.decided_at) == (151 * SECOND_NS // 10, 161 * SECOND_NS // 10)
+    assert extent(report).origin == 10 * SECOND_NS
+    assert LogTimes(report).of(episode.decided_at) == at(6.1)

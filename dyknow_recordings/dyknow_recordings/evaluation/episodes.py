@@ -89,6 +89,7 @@ class FormulaEpisodes:
     episodes: list[Episode] = field(default_factory=list)
     error: DyKnowError | None = None
     states: int = 0
+    first_state: int | None = None
     violations: list[Violation] = field(default_factory=list)
     gaps: list[StateGap] = field(default_factory=list)
     events: list[str] = field(default_factory=list)
@@ -173,6 +174,9 @@ class EpisodeGroup:
     def progress(self, valid_time: int, values: Mapping[str, Value]) -> None:
         """Begin the episodes of a state, and progress all of them over it."""
         self._states += 1
+        if self._states == 1:
+            for each in self.formulas:
+                each.first_state = valid_time
         if self.observer is not None:
             columns = {name: (value,) for name, value in values.items()}
             self.observer.states((valid_time,), columns)

@@ -442,6 +442,7 @@ class RecordingEvaluation:
             ),
             error=error,
             states=episodes.states,
+            first_state=episodes.first_state,
             groundings=group.groundings,
             violations=tuple(episodes.violations),
             gaps=tuple(episodes.gaps),

@@ -113,6 +113,8 @@ class FormulaReport:
         events: the changes of its streams, for people.
         waits_for: why no more states came, if that is known.
         signals: of the states, if they were to be kept.
+        first_state: the valid time of its first state in nanoseconds, which may be before the first
+            episode.
         last_state: the valid time of its last state in nanoseconds, if neither the episodes nor the
             signals tell it.
         probability: of the formula from the first state on, for any further states; None if it was
@@ -133,6 +135,7 @@ class FormulaReport:
     events: tuple[str, ...] = ()
     waits_for: str = ''
     signals: StateSignals | None = None
+    first_state: int | None = None
     last_state: int | None = None
     probability: ProbabilityInterval | None = None
     probability_so_far: ProbabilityInterval | None = None

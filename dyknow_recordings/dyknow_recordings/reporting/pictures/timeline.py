@@ -99,7 +99,8 @@ def extent(report: RecordingReport) -> Span:
     times = [
         time
         for formula in report.formulas
-        for time in (*_episode_times(formula), *_signal_times(formula))
+        for time in (formula.first_state, *_episode_times(formula), *_signal_times(formula))
+        if time is not None
     ]
     if not times:
         return Span(report.start_time, report.end_time)
