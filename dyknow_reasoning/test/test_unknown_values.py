@@ -559,6 +559,41 @@ def test_an_unknown_value_while_a_gap_has_an_effect(value: float | None) -> None
     assert re.search(f'{reason} missing states', str(result.error))
 
 
+@pytest.mark.parametrize(
+    'text',
+    [
+        'once[0, 2 ns] (x > 1)',
+        'historically[1 ns, 3 ns] (x > 1)',
+        'previous (x > 1)',
+        'p since (x > 1)',
+        'once[0, 2 ns] (p and previous (x > 1))',
+        'count(x > 1, 3 ns) > 1',
+        'prev(x) > 1',
+    ],
+)
+def test_an_unknown_value_after_the_effect_of_a_gap(text: str) -> None:
+    """It makes the same difference as without the gap."""
+    found = []
+    for has_gap in (True, False):
+        group = FormulaGroup()
+        group.begin({}, ANY)
+        group.keep_history(text)
+        if has_gap:
+            group.progress(1, {'x': 2, 'p': True})
+            group.gap()
+        for time in range(5, 15):
+            assert not group.progress(time, {'x': 0, 'p': time != 6})
+        outcomes = []
+        for time in range(15, 30):
+            group.add_formula('f', text)
+            x = None if time == 16 else 2 * (time % 5 == 0)
+            results = group.progress(time, {'x': x, 'p': time != 18})
+            outcomes.append([(each.verdict, str(each.error or '')) for each in results])
+        found.append(outcomes)
+    assert found[0] == found[1]
+    assert 'may not be unknown' not in str(found)
+
+
 COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
 
 

@@ -105,7 +105,7 @@ class ComparisonRegister(PastRegister):
     @property
     def is_plain(self) -> bool:
         """True unless a gap has an effect."""
-        return not self._has_gaps
+        return self.gap is None
 
     def tried(self, memory: TermMemories, time: int, values: Values) -> bool:
         """Return the truth of the comparison at a state, which a memory takes.

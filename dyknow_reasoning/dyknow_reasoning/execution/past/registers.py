@@ -226,10 +226,12 @@ class Register(PastRegister):
 
     def step(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and set the fields of the register."""
-        if self.is_plain:
-            super().step(time, values)
-        else:
+        if not self.is_plain:
             self._step_carefully(time, values)
+            return
+        super().step(time, values)
+        if len(self.fields) > 1:  # A gap had an effect, and what began before it is bounded.
+            values.update(dict.fromkeys(self.fields, values[self.field]))
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the register at the states of a recording."""
@@ -240,7 +242,7 @@ class Register(PastRegister):
                 step, sides = self.memory.step, map(self.sides.__getitem__, sequence.values)
                 pairs = zip(recording.times.tolist(), sides, strict=True)
                 found = np.array([step(time, left, right) for time, (left, right) in pairs])
-                return {self.field: found != self.is_negated}
+                return dict.fromkeys(self.fields, found != self.is_negated)
         return super().columns(recording)
 
     def pass_gap(self, gap: Gap) -> None:
@@ -290,7 +292,9 @@ class Register(PastRegister):
         # The operands are known from now on, and the memory is the same whatever was missing.
         if self.gap and all(each.gap is None for each in self._inner):
             (_, first), (_, last) = self._branches
-            self.gap = None if first.key == last.key else self.gap
+            if first.key == last.key:
+                self.gap = None
+                self.begin_with(first)
 
     def lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state at which an operand has no truth."""
