@@ -26,6 +26,7 @@ from dyknow_stream_processing import Sample, StreamError, Violation
 from dyknow_stream_processing.ros import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
+from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage
 from services import Nodes, time_of
 from system import Client
 
@@ -206,6 +207,21 @@ def test_publishers_that_come_back_with_another_type(client: Client) -> None:
     client.node.destroy_publisher(publisher)
     with other_process():
         client.spin_until(lambda: recording.values()[-1] == 0.5, 'samples of the other type')
+
+
+@pytest.mark.parametrize('message_type', [Odometry, SampleMessage])
+def test_a_message_that_waits_while_the_type_of_its_topic_changes(
+    client: Client, message_type: Any
+) -> None:
+    """It cannot be used any more, which is reported, and does not end the node."""
+    _, recording = recorded_publisher(client, message_type)
+    topics, now = NodeTopics.of(client.node), client.node.get_clock().now().nanoseconds
+    (feed,) = topics._feeds.values()
+    topics._taken.append(ReceivedMessage(feed, Int32(data=1), None, now, now))
+    client.spin_until(lambda: not topics._taken or topics.catch_up(now), 'what waits')
+    assert recording.broken() == ['message']
+    assert 'the type of the topic has changed' in recording.violations[0].message
+    assert recording.proxy.drops == {'message': 1}
 
 
 @pytest.mark.parametrize('count', [1, 2])

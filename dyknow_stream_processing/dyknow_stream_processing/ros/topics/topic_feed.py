@@ -172,10 +172,11 @@ class TopicFeed:
     def _process(self, message: ReceivedMessage) -> None:
         self.is_recreated = False
         self.gaps.note(message.number)
-        if self.is_stream and not self._admits(message.message):
-            self._drop(ViolationKind.SOURCE, 1)
-            return
-        if self.relay is not None:
+        # A message that has waited may be of the type that the topic had before.
+        if self.relay is not None and type(message.message) is self.subscription.msg_type:
+            if not self._admits(message.message):
+                self._drop(ViolationKind.SOURCE, 1)
+                return
             self.relay.note_sample(sample_violated_at(message.message))
         is_initial = self.is_latched and 0 < message.sent_at < self.subscribed_at
         for listener in self.listeners:

@@ -341,15 +341,20 @@ class _Source:
             self.dataflow.set_source_type(self.topic, self.type_)
 
     def valid_time(self, message: Any) -> int | None:
-        return None if self.read_valid_time is None else self.read_valid_time(message) or None
+        if self.read_valid_time is None or type(message) is not self.class_:
+            return None
+        return self.read_valid_time(message) or None
 
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:
         self.received += 1
         self.latest = now
-        if self.is_sample and message.stream_id:
-            self.stream_id = message.stream_id
         if self.extract is None:
             return  # The type cannot be used, which is logged.
+        if type(message) is not self.class_:
+            self._reject(now, now, 'the type of the topic has changed')
+            return
+        if self.is_sample and message.stream_id:
+            self.stream_id = message.stream_id
         unstamped = sent_at or now
         valid_time = unstamped if self.read_valid_time is None else self.read_valid_time(message)
         if valid_time <= 0:
