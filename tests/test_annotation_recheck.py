@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import ExitStatus
-from dyknow_interfaces.srv import FindAllMatchingStreams, ListSemanticSpecifications
+from dyknow_interfaces.srv import (
+    AddSemanticSpecification,
+    ConceptCreate,
+    ConceptDestroy,
+    FindAllMatchingStreams,
+    ListSemanticSpecifications,
+)
 from nav_msgs.msg import Odometry
 
 from commands import command, output_of
+from dyknow_semantics.ros.stream_semantics_manager import CHECK_PERIOD_S
 from services import LATCHED, Nodes
 
 ONTOLOGY = Path(__file__).parent.parent / 'docs' / 'examples' / 'rover.owl'
@@ -61,4 +69,36 @@ def test_a_field_that_the_type_lacks_is_found_when_the_type_is_known(tmp_path: P
         shown = json.loads(output_of(line, nodes.environment).stdout)
         assert FAULT in shown['faults'][STATEMENT]
         assert not any(each['streams'] for each in shown['concepts'])
+        nodes.client.node.destroy_publisher(publisher)
+
+
+def test_a_feature_that_gets_another_type(tmp_path: Path) -> None:
+    """Also an annotation that fitted the ontology before is checked again."""
+    semantics = 'stream_semantics_manager'
+    with Nodes(
+        tmp_path, ontology_manager={'ontologies': [str(ONTOLOGY)]}, stream_semantics_manager={}
+    ) as nodes:
+        publisher = nodes.client.node.create_publisher(Odometry, '/rover1/odom', 10)
+        statuses = nodes.collect(DiagnosticStatus, f'/{semantics}/_status', LATCHED)
+
+        def create(value_type: str) -> None:
+            nodes.obtain(
+                'ontology_manager', ConceptCreate, concept_name='Lean', parent_concepts=['Feature'],
+                argument_sorts=['Rover'], value_type=value_type,
+            )  # fmt: skip
+
+        create('float')
+        statement = 'stream "/rover1/odom" contains Lean[rover1] = pose.pose.orientation.x;'
+        nodes.obtain(semantics, AddSemanticSpecification, ssl_statement=statement)
+        checked = time.monotonic() + 3 * CHECK_PERIOD_S
+        nodes.client.spin_until(lambda: time.monotonic() > checked, 'the first check')
+        assert statuses[-1].level == DiagnosticStatus.OK
+        nodes.obtain('ontology_manager', ConceptDestroy, concept_name='Lean')
+        create('string')
+        nodes.client.spin_until(
+            lambda: "feature 'Lean' has values of the type string" in statuses[-1].message,
+            'the fault',
+        )
+        (fault,) = nodes.obtain(semantics, ListSemanticSpecifications).faults
+        assert "feature 'Lean' has values of the type string" in fault
         nodes.client.node.destroy_publisher(publisher)

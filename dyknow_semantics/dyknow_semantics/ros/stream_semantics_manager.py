@@ -141,7 +141,7 @@ class StreamSemanticsManager(DyKnowNode):
         return (await self._ontologies.contents()).stated
 
     def _check_when_due(self) -> None:
-        """Check all annotations again, if types of streams have become known since."""
+        """Check all annotations again, if types of streams or the ontology have changed since."""
         stored = self._store.by_text
         # A type that is not known at present is still the last one that was.
         types = {
@@ -149,7 +149,7 @@ class StreamSemanticsManager(DyKnowNode):
             for text, each in stored.items()
         }
         ontology = dict(self._ontologies.remote.status)
-        is_outdated = bool(self._checks.messages) and ontology != self._ontology
+        is_outdated = bool(stored) and ontology != self._ontology
         if (types == self._types and not is_outdated) or self._is_checking:
             return
         if self._ontologies.remote.alive:
