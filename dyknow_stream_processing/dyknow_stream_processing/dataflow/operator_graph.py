@@ -96,6 +96,7 @@ class OperatorGraph:
         self._operators: dict[Hashable, Operator] = {}
         self._keys: dict[Operator, Hashable] = {}
         self._new: list[Operator] = []
+        self._owed: set[SourceOperator] = set()
         self.sources: dict[str, tuple[SourceOperator, ...]] = {}
         """The source operators of each topic."""
 
@@ -125,8 +126,9 @@ class OperatorGraph:
     @property
     def owed(self) -> frozenset[str]:
         """The topics with an operator that lacks a kept value which former ones have received."""
-        found = (each for sources in self.sources.values() for each in sources)
-        return frozenset(each.label for each in found if each.is_owed and each.emitted_at is None)
+        # Asked for with each message of a recording, so not of all operators.
+        self._owed = {each for each in self._owed if each.emitted_at is None and each in self._keys}
+        return frozenset(each.label for each in self._owed)
 
     def ticks(self) -> Mapping[TickKey, int]:
         """Return the next tick of each periodic `sync` that has begun."""
@@ -264,6 +266,7 @@ class OperatorGraph:
         source = cast('SourceOperator', operator)
         if type_.is_kept and has_passed:
             source.is_owed = True
+            self._owed.add(source)
         return source
 
     def _built_in(
