@@ -313,7 +313,7 @@ class FormulaGroup:
     ) -> list[FormulaResult]:
         """Progress over values without alternatives, and those that met some over the `given`."""
         self._begun()
-        monitor, possible = self._monitor, self._possible
+        monitor, possible, standing = self._monitor, self._possible, self.standing
         results = self._results_of_known() if self._known else []
         try:
             met = possible.met(values) if possible.waiting else ()
@@ -325,8 +325,8 @@ class FormulaGroup:
             outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
             if left:
                 outcomes = {**outcomes, **possible.errors_at_gap(left, outcomes, self._instances)}
-            if self.standing.formulas:
-                outcomes = {**outcomes, **self.standing.progress(valid_time, values, omitted)}
+            if standing.formulas and (failed := standing.progress(valid_time, values, omitted)):
+                outcomes = {**outcomes, **failed}
             if possible.formulas:
                 outcomes = {**outcomes, **possible.progress(valid_time, given)}
         except Exception as error:  # noqa: BLE001 - no formula goes on after a fault

@@ -69,7 +69,7 @@ class SimulatedRuns:
     def __init__(
         self, node: Node, atoms: Sequence[Atom], kinds: Kinds, distribution: StateDistribution
     ) -> None:
-        self._distribution, self._kinds, self._runs = distribution, kinds, RUNS
+        self._distribution, self._runs = distribution, RUNS
         self._interval = _clopper_pearson()
         self._readers = _vector_readers(node, atoms, kinds, distribution.numbers)
         self._automaton = Automaton(node)
@@ -183,10 +183,17 @@ class CountedSamples(SimulatedRuns):
     Sample i of each number is of one particle, so the atoms of the state have their joint truth.
     """
 
+    def __init__(
+        self, node: Node, atoms: Sequence[Atom], kinds: Kinds, distribution: StateDistribution
+    ) -> None:
+        super().__init__(node, atoms, kinds, distribution)
+        self._samples = [term_reader(each.deviation, kinds) for each in distribution.numbers]
+
     def _drawn(self, time: int, values: Values) -> _Vectors:  # noqa: ARG002
         numbers = self._distribution.numbers
         vectors = [
-            _samples_of(each, term_reader(each.deviation, self._kinds)(values)) for each in numbers
+            _samples_of(each, read(values))
+            for each, read in zip(numbers, self._samples, strict=True)
         ]
         if len({len(each) for each in vectors}) > 1:
             lengths = {
