@@ -39,6 +39,15 @@ def numbered_names(name: str) -> Iterator[str]:
     return chain([name], (f'{name}_{number}' for number in count(2)))
 
 
+class NumberedNames(dict[str, Iterator[str]]):
+    """The `numbered_names` of each name that were not tried yet: thousands may have one name."""
+
+    def __missing__(self, name: str) -> Iterator[str]:
+        """Begin with a name."""
+        found = self[name] = numbered_names(name)
+        return found
+
+
 def unused_name(name: str, taken: Container[str]) -> str:
     """Return the first of the `numbered_names` that is not taken."""
     return next(each for each in numbered_names(name) if each not in taken)

@@ -172,8 +172,7 @@ def test_of_many_streams_of_one_name_each_number_is_tried_once(
 ) -> None:
     tried: list[str] = []
     numbers = (tried.append(each) or each for each in numbered_names('a'))
-    module = 'dyknow_coordinator.grounding.state_specification'
-    monkeypatch.setattr(f'{module}.numbered_names', lambda _: numbers)
+    monkeypatch.setattr('dyknow_common.symbol.numbered_names', lambda _: numbers)
     streams = [
         parse_sources([f'stream a = select x as "X[{each}]" from "/{each}"'])[0] for each in 'rstu'
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from dyknow_common import StreamConstraints, Symbol, numbered_names
+from dyknow_common import NumberedNames, StreamConstraints, Symbol
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource, Grounding
 from dyknow_stream_processing import Selection
 
@@ -88,14 +88,14 @@ def _with_distinct_names(sources: Iterable[FeatureSource]) -> Sequence[FeatureSo
     """Rename sources, to give different streams different names."""
     declared: dict[str, str] = {}
     names: dict[tuple[str, str], str] = {}
-    # Thousands may have one name: numbers that are taken are not tried again.
-    numbered: dict[str, Iterator[str]] = {}
+    untried = NumberedNames()
     result = []
     for source in sources:
         stream, text = source.stream, str(source)
         if (stream, text) not in names:
-            untried = numbered.setdefault(stream, numbered_names(stream))
-            names[stream, text] = next(each for each in untried if declared.get(each, text) == text)
+            names[stream, text] = next(
+                each for each in untried[stream] if declared.get(each, text) == text
+            )
         name = names[stream, text]
         declared[name] = text
         result.append(replace(source, stream=name, declaration=f'stream {name} = {text}'))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -16,10 +16,10 @@ from typing import Final, NamedTuple
 
 from dyknow_common import (
     ComputedField,
+    NumberedNames,
     StreamConstraints,
     ValueType,
     number_of,
-    numbered_names,
     parse_field,
     unit_conversion,
 )
@@ -204,11 +204,9 @@ def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:
     if len({each.stream_name for each in result}) == len(result):
         return tuple(result)
     used: set[str] = set()
-    # Thousands may have one name: numbers that are taken are not tried again.
-    numbered: dict[str, Iterator[str]] = {}
+    untried = NumberedNames()
     for index, each in enumerate(result):
-        untried = numbered.setdefault(each.stream_name, numbered_names(each.stream_name))
-        name = next(name for name in untried if name not in used)
+        name = next(name for name in untried[each.stream_name] if name not in used)
         used.add(name)
         if name != each.stream_name:
             result[index] = replace(each, declaration=replace(each.declaration, name=name))
