@@ -48,6 +48,11 @@ class StandbyStates(Generic[State]):
     def __len__(self) -> int:
         return len(self._states)
 
+    @property
+    def latest(self) -> int:
+        """The valid time of the latest state, in nanoseconds; there must be one."""
+        return self._states[-1].valid_time
+
     def add(self, state: State, latest: int | None) -> None:
         """Keep a state, and drop states that a take-over does not need.
 

@@ -77,6 +77,8 @@ class GroupEvaluation:
         self._states = 0
         # For each formula, the number of states before its first one.
         self._states_before: dict[int, int] = {}
+        # For each formula that was added while others had kept states, these streams.
+        self._had_kept: dict[int, list[StateSubscription]] = {}
         self._loss = ''  # Before a state that does not count, if it leaves a gap.
         # For each formula that is removed later, the valid time until which states count.
         self._ends: dict[int, int] = {}
@@ -108,15 +110,18 @@ class GroupEvaluation:
 
     async def add_formula(self, name: str, text: str, **options: Any) -> int:
         """Add a formula and return its id; arguments and errors as of the formula group."""
+        # The first state of the formula is a later one, also of another stream that takes over.
+        others = [each for each in (self._line.next, self._standby) if each and each.kept]
+        is_next = bool(others) and options.get('since') is None
+        if is_next:
+            options['since'] = max(each.kept.latest for each in others) + 1
 
         def add() -> tuple[int, Sequence[FormulaResult]]:
             formula_id = self.group.add_formula(name, text, **options)
             self._states_before[formula_id] = self._states
+            if is_next:
+                self._had_kept[formula_id] = others
             return formula_id, self.group.decided_at_once() if self.has_begun else ()
-
-        # The first state of the formula is a later one, also if the standby takes over.
-        if self._standby and options.get('since') is None:
-            self._standby.kept.take()
 
         def is_heavy() -> bool:
             return len(text) > HEAVY_TEXT or (self.has_begun and self._is_large())
@@ -159,8 +164,8 @@ class GroupEvaluation:
             progress = self._report(formula_id, is_last=is_last, latest=latest)
         episodes = self._episodes.report(formula_id)
         self.group.remove_formula(formula_id)
-        self._states_before.pop(formula_id, None)
-        self._ends.pop(formula_id, None)
+        for each in (self._states_before, self._had_kept, self._ends):
+            each.pop(formula_id, None)
         return progress, episodes
 
     def _publish_last(
@@ -456,7 +461,8 @@ class GroupEvaluation:
     def _progress(self, state: State) -> None:
         self._states += 1
         for formula_id, since in self.group.waiting.items():
-            if since - state.valid_time > OTHER_CLOCK_NS:
+            is_next = self._line.stream not in self._had_kept.get(formula_id, [self._line.stream])
+            if is_next or since - state.valid_time > OTHER_CLOCK_NS:
                 # States of another clock, as of a replayed recording, have no order with it.
                 self.group.waiting[formula_id] = state.valid_time
             elif state.valid_time < since:

@@ -367,14 +367,42 @@ def test_a_loss_in_the_standby_is_a_gap(group: Group) -> None:
     assert group.progressed == [2, 'gap', 4]
 
 
-def test_no_state_from_before_a_formula_was_added_is_used(group: Group) -> None:
-    group.state('/former', 2)
-    for each in (2, 3, 4):
-        group.state('/standby', each)
-    run_to_end(group.evaluation.add_formula('late', 'eventually power > 150'))
-    group.state('/standby', 5)
-    group.take_over()
-    assert group.progressed == [2, 'gap', 5]
+@pytest.mark.parametrize(
+    ('is_better', 'more', 'expected', 'states'),
+    [
+        (False, [], [2, 3, 4, 5], 1),
+        (False, [3], [2, 3, 4, 5], 3),
+        (True, [], [2, 'gap', 3, 4, 5], 1),
+        (True, [3], [2, 3, 4, 5], 3),
+    ],
+)
+def test_no_state_from_before_a_formula_was_added_is_used(
+    is_better: bool,  # noqa: FBT001
+    more: list[int],
+    expected: list[int | str],
+    states: int,
+) -> None:
+    """The other formulas use the kept states. A state of the stream in use begins it."""
+    with Group() as made:
+        made.state('/former', 2)
+        if is_better:
+            run_to_end(made.evaluation.change_stream({}, '/standby', '', gap=False))
+        else:
+            run_to_end(made.evaluation.set_standby('/standby'))
+            made.state('/standby', 2)
+        for each in (3, 4):
+            made.state('/standby', each)
+        run_to_end(made.evaluation.add_formula('late', 'eventually power > 150'))
+        for each in more:
+            made.state('/former', each)
+        if is_better:
+            made.violate('/former', 9)
+        else:
+            made.take_over()
+        made.state('/standby', 5)
+        assert made.progressed == expected
+        run_to_end(made.evaluation.remove_formula(2))
+        assert last_reports(made) == [(states, 5)]
 
 
 def test_there_may_be_no_standby(group: Group) -> None:
