@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 from dyknow_interfaces import srv
@@ -24,6 +25,7 @@ from dyknow_common import StreamConstraints
 from dyknow_common.ros import VIOLATIONS
 from dyknow_stream_processing import Sample, StreamError, Violation
 from dyknow_stream_processing.ros import StreamProxy
+from dyknow_stream_processing.ros.topics import node_topics
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage
@@ -356,6 +358,22 @@ def test_a_message_that_comes_while_others_are_processed_is_not_ahead_of_the_clo
     assert recording.violations == []
     (sample,) = recording.samples
     assert sample.available_time >= sample.valid_time > read
+
+
+def test_a_clock_of_the_host_that_is_set_back(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is set back by half a second: the steady clock is then half a second further."""
+    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    recording = Recording(client, 'select pose.pose.position.x as x from "/a"')
+    clock = client.node.get_clock()
+    wait_until_heard(client, recording, publisher, odometry(clock.now().nanoseconds, 1.0))
+    clocks = MagicMock(monotonic_ns=lambda: time.monotonic_ns() + SECOND // 2)
+    monkeypatch.setattr(node_topics, 'time', clocks)
+    wait_until_heard(client, recording, publisher, odometry(clock.now().nanoseconds, 2.0))
+    assert recording.broken() == ['valid_time_order']
+    assert 'the clock was set back by 500 ms; all streams restart' in str(recording.violations)
+    assert recording.proxy.drops == {}
 
 
 @pytest.mark.parametrize('paused_s', [0, 1])

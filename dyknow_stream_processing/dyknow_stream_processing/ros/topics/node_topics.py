@@ -26,7 +26,8 @@ from typing import Any, ClassVar, Final
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -52,6 +53,9 @@ LATE_NS: Final = 10 * NANOSECONDS['ms']
 
 SLICE_NS: Final = 100 * NANOSECONDS['ms']
 """Time after which the processing of messages that wait is interrupted by other callbacks."""
+
+SET_BACK_NS: Final = 10 * NANOSECONDS['ms']
+"""The least time by which a clock of the host that is set back is noticed."""
 
 MAX_TAKEN: Final = 1000
 """The number of messages from which on others stay in the middleware, which drops the oldest."""
@@ -79,6 +83,13 @@ class NodeTopics:
         self._goes_on = self._node.create_guard_condition(self._go_on, self.group)
         self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
+        self._restarts: tuple[Callable[[int], None], ...] = ()
+        # By how much the clock of the host is ahead of the steady clock, at least.
+        self._ahead = -time.monotonic_ns()
+        backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
+        self._jumps = node.get_clock().create_jump_callback(
+            backward, post_callback=lambda jump: self._restart(-jump.delta.nanoseconds)
+        )
 
     @property
     def is_time_simulated(self) -> bool:
@@ -131,6 +142,41 @@ class NodeTopics:
 
         return remove
 
+    def restart_with(self, restart: Callable[[int], None]) -> Callable[[], None]:
+        """Call a function with the time by which the clock was set back, whenever it was.
+
+        ROS tells jumps of simulated time alone. The steady clock reveals that the clock of the host
+        was set back: both run equally fast, also while a daemon corrects the time slowly.
+
+        Returns:
+            A function that ends this.
+        """
+        self._restarts = (*self._restarts, restart)
+
+        def end() -> None:
+            self._restarts = tuple(each for each in self._restarts if each != restart)
+
+        return end
+
+    def _restart(self, set_back: int) -> None:
+        for restart in self._restarts:
+            restart(set_back)
+
+    def _check_clock(self, now: int) -> None:
+        """Restart the streams if the clock of the host was set back, given its latest time."""
+        ahead = now - time.monotonic_ns()
+        if ahead > self._ahead - SET_BACK_NS:
+            self._ahead = max(ahead, self._ahead)
+            return
+        # This thread may have been interrupted after the time was read, as before and after this.
+        steady = time.monotonic_ns()
+        now = self._node.get_clock().now().nanoseconds
+        set_back = self._ahead - (now - steady)
+        if set_back >= SET_BACK_NS:
+            self._ahead = now - time.monotonic_ns()
+            if not self.is_time_simulated:
+                self._restart(set_back)
+
     def _stop_timers(self) -> None:
         self.timed_calls.destroy()
         if self._timer is not None:
@@ -139,6 +185,7 @@ class NodeTopics:
 
     def process(self, message: ReceivedMessage, now: int) -> None:
         """Process a message, after all messages of all topics that were received before it."""
+        self._check_clock(now)
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
         if late > LATE_NS or self._taken or is_pause_recent():
             self._taken.append(message)
@@ -152,6 +199,7 @@ class NodeTopics:
 
         Returns False if some are processed later, as there are many or the process was stopped.
         """
+        self._check_clock(now)
         feeds = list(self._feeds.values())
         # The clock may have been set back since they were taken.
         self._taken = deque(
@@ -190,6 +238,7 @@ class NodeTopics:
 
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
+        self._check_clock(self._node.get_clock().now().nanoseconds)
         # Everything is prepared before the first message, which would wait otherwise.
         feeds = list(self._feeds.values())
         for subscribe in filter(None, [feed.prepare() for feed in feeds]):

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
-from rclpy.clock import JumpThreshold
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -78,11 +76,7 @@ class TopicSources:
         self._names = TopicNames(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
         self._held: deque[_Arrival] = deque()
-        self._period_began = 0
-        backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
-        self._jumps = node.get_clock().create_jump_callback(
-            backward, post_callback=lambda jump: self._restart(-jump.delta.nanoseconds)
-        )
+        self._end_restarts = self._topics.restart_with(self._restart)
 
     def refresh(self) -> None:
         """Subscribe to the topics that the dataflow needs now, and to no others."""
@@ -160,13 +154,7 @@ class TopicSources:
         )
 
     def end_period(self, now: int) -> None:
-        """Measure the rates of all topics since the last call, given the time in nanoseconds.
-
-        ROS tells only jumps of simulated time, so a system clock that was set back is noticed here.
-        """
-        if now < self._period_began and not self._topics.is_time_simulated:
-            self._restart(self._period_began - now)
-        self._period_began = now
+        """Measure the rates of all topics since the last call, given the time in nanoseconds."""
         for source, _ in self._sources.values():
             source.end_period(now)
 
@@ -198,7 +186,7 @@ class TopicSources:
 
     def destroy(self) -> None:
         """Destroy all subscriptions; a second call does nothing."""
-        self._jumps.unregister()
+        self._end_restarts()
         self._held.clear()
         self._clear()
 
