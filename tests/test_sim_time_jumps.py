@@ -160,6 +160,23 @@ def test_a_jump_back(
     assert again.verdict == FormulaResult.TRUE, again.exit_status.message
 
 
+@pytest.mark.parametrize('jump', [500_000_000, 60 * SECOND], ids=['0.5 s', '60 s'])
+def test_no_stand_in_goes_on_after_a_jump_back(
+    system: System,
+    simulation: Simulation,
+    evaluations: Evaluations,
+    spares: Spares,
+    jump: int,
+) -> None:
+    """Its states are of another run, although they have the same times."""
+    spares.power('uav1_spare_power', 'uav2', of='uav1')
+    future = system.ask('always Power[uav1] < 150', timeout=30.0)
+    evaluations.wait_for_state()
+    simulation.now -= jump
+    system.client.spin_until(future.done, 'the answer')
+    assert_broken(future.result(), 'the clock was set back by')
+
+
 def test_a_jump_back_of_a_stream_without_stamps(
     system: System, simulation: Simulation, evaluations: Evaluations
 ) -> None:

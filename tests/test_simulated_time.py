@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
+from std_msgs.msg import Header
 
 from dyknow_stream_processing import Sample, Violation
 from dyknow_stream_processing.ros import StreamProxy
@@ -39,3 +41,22 @@ def test_a_sample_ahead_of_the_clock_is_processed_before_its_successor(client: C
     client.spin_until(lambda: len(samples) > 1, 'both samples')
     assert [each.valid_time for each in samples] == [1300 * MS, 1400 * MS]
     assert violations == []
+
+
+def test_a_value_that_was_kept_is_not_late(client: Client) -> None:
+    """Its sending has a time of the system clock alone, as has the subscription."""
+    kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = client.node.create_publisher(Odometry, '/odom', kept)
+    publisher.publish(Odometry(header=Header(stamp=time_of(3_000 * MS))))
+    client.node.set_parameters([Parameter('use_sim_time', value=True)])
+    client.node.get_clock().set_ros_time_override(Time(nanoseconds=100_000 * MS))
+    samples: list[Sample] = []
+    violations: list[Violation] = []
+    StreamProxy(client.node, '/odom', on_sample=samples.append, on_violation=violations.append)
+    client.spin_until(lambda: bool(samples or violations), 'the sample')
+    assert [each.valid_time for each in samples] == [3_000 * MS]
+    publisher.publish(Odometry(header=Header(stamp=time_of(4_000 * MS))))
+    client.spin_until(lambda: bool(violations), 'a late one')
+    client.node.set_parameters([Parameter('use_sim_time', value=False)])
+    assert [each.constraint for each in violations[:1]] == ['max_delay']
+    assert 'use_sim_time was changed; all streams restart' in violations[1].message

@@ -81,6 +81,12 @@ def test_a_transient_violation_excludes_nothing(world: World) -> None:
     assert world.session.react(1) == (A, G)
 
 
+def test_nothing_replaces_any_source_once_the_clock_was_set_back(world: World) -> None:
+    """States of others have times of before, and are of another run."""
+    world.violate('', ViolationKind.VALID_TIME_ORDER)
+    assert world.session.react(1) is None
+
+
 def test_a_violation_of_unknown_origin_excludes_all_sources(world: World) -> None:
     world.violate('/other')
     assert world.excluded == [A, G]

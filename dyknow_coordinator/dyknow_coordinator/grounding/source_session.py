@@ -329,6 +329,9 @@ class SourceSession:
         """
         if violation.constraint in TRANSIENT:
             self.note_loss(describe_violation(violation))
+        elif not violation.stream_name:
+            # The clock was set back: states of no source continue the former ones.
+            self._blame(self.inputs.candidates.found, violation, now)
         elif violation.stream_name != stream:
             affected = self._known().affected(chosen, violation.stream_name)
             self._blame(affected or chosen, violation, now)

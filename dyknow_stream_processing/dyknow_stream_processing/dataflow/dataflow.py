@@ -25,7 +25,7 @@ from dyknow_stream_processing.dataflow.operators import (
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.errors import StreamError, unknown_stream
-from dyknow_stream_processing.language.required_fields import total_demand
+from dyknow_stream_processing.language.required_fields import Demand, total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
 from dyknow_stream_processing.language.specification import Specification, Term, references
 from dyknow_stream_processing.language.type_rules import Unit
@@ -211,7 +211,11 @@ class Dataflow:
         The name `ALL` among them stands for all fields except the elements of arrays, the name
         `WHOLE` for the message itself, pushed as a `WholeMessage`.
         """
-        return total_demand(each.resolved.term for each in self._streams.values())
+        total: dict[str, Demand] = {}
+        for stream in self._streams.values():
+            for topic, demand in stream.demand.items():
+                total[topic] = total.get(topic, demand) | demand
+        return total
 
     def set_source_type(self, topic: str, source_type: SourceType) -> None:
         """Set the type of a topic that was unknown or has changed since streams were created."""
@@ -398,6 +402,11 @@ class _RunningStream:
     def own_names(self) -> Mapping[str, str]:
         # Names of other streams are left out, as they would accumulate from stream to stream.
         return {**self.resolved.names, str(self.resolved.term): self.name}
+
+    @cached_property
+    def demand(self) -> Mapping[str, Demand]:
+        """The fields of each topic that it needs."""
+        return total_demand([self.resolved.term])
 
     @cached_property
     def topics(self) -> tuple[str, ...]:

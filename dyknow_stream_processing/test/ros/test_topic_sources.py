@@ -43,7 +43,7 @@ def receive(topics: NodeTopics, now: int) -> None:
 
 
 def watch(topics: NodeTopics, _now: int) -> None:
-    topics.refresh()
+    topics._watch()
 
 
 @pytest.mark.parametrize('notice', [look, receive, watch])
@@ -84,3 +84,23 @@ def test_streams_restart_once_the_clock_of_the_host_was_set_back(
     assert reports == ([] if is_simulated else texts)
     sources.destroy()
     node.get_clock.return_value.create_jump_callback.assert_called_once()
+
+
+def test_the_graph_is_read_for_new_topics_and_periodically() -> None:
+    """With thousands of topics, that takes longer than all else."""
+    node = mock.MagicMock(resolve_topic_name=lambda topic: topic)
+    node.get_clock.return_value.now.return_value = Clocks()
+    node.get_publishers_info_by_topic.return_value = []
+    topics, read = NodeTopics.of(node), node.get_publishers_info_by_topic
+
+    def topics_read(refresh: Callable[[], None]) -> list[str]:
+        read.reset_mock()
+        refresh()
+        return [call.args[0] for call in read.call_args_list]
+
+    for topic in ('/a', '/b'):
+        topics.listen(topic, mock.MagicMock())
+        assert topics_read(topics.refresh) == [topic]
+    topics.listen('/a', mock.MagicMock())
+    assert topics_read(topics.refresh) == ['/a']
+    assert topics_read(topics._watch) == ['/a', '/b']

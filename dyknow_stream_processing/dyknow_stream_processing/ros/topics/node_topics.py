@@ -74,6 +74,8 @@ class NodeTopics:
         self._node = proxy(node)
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._feeds: dict[Any, TopicFeed] = {}
+        # With new listeners.
+        self._changed: list[TopicFeed] = []
         self.group = ReentrantCallbackGroup()
         self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
@@ -83,6 +85,7 @@ class NodeTopics:
         self._goes_on = self._node.create_guard_condition(self._go_on, self.group)
         self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
+        self._watched_at = 0
         self._restarts: tuple[Callable[[int], None], ...] = ()
         # By how much the clock of the host is ahead of the steady clock, at least.
         self._ahead = -time.monotonic_ns()
@@ -131,6 +134,7 @@ class NodeTopics:
             self._feeds[key] = TopicFeed(self, self._node, name, quality_of_service, required_type)
         feed = self._feeds[key]
         feed.listeners = (*feed.listeners, listener)
+        self._changed.append(feed)
 
         def remove() -> None:
             feed.listeners = tuple(each for each in feed.listeners if each is not listener)
@@ -237,15 +241,32 @@ class NodeTopics:
         self.catch_up(self._node.get_clock().now().nanoseconds)
 
     def refresh(self) -> None:
-        """Match the subscriptions to the publishers of all topics."""
+        """Match the subscriptions of the topics with new listeners to their publishers.
+
+        Those of all topics are matched periodically.
+        """
+        changed, self._changed = self._changed, []
+        self._match([each for each in changed if each.listeners])
+        if self._feeds and self._timer is None:
+            self._timer = self._node.create_timer(
+                SEARCH_PERIOD_NS / SECOND_NS,
+                self._watch,
+                callback_group=self.group,
+                clock=self._wall_clock,
+            )
+
+    def _watch(self) -> None:
+        """Match the subscriptions to the publishers: of all topics, or of those without any."""
         self._check_clock(self._node.get_clock().now().nanoseconds)
+        now, feeds = time.monotonic_ns(), self._feeds.values()
+        is_full = now - self._watched_at >= WATCH_PERIOD_NS
+        self._watched_at = now if is_full else self._watched_at
+        self._match([each for each in feeds if is_full or not each.has_publishers])
+
+    def _match(self, feeds: Iterable[TopicFeed]) -> None:
         # Everything is prepared before the first message, which would wait otherwise.
-        feeds = list(self._feeds.values())
         for subscribe in filter(None, [feed.prepare() for feed in feeds]):
             subscribe()
-        if feeds:
-            is_complete = all(feed.has_publishers for feed in feeds)
-            self._refresh_every(WATCH_PERIOD_NS if is_complete else SEARCH_PERIOD_NS)
 
     def expect(self, topic: str, stream_id: int) -> bool:
         """Expect the samples of a stream on a topic, given its absolute name.
@@ -260,18 +281,6 @@ class NodeTopics:
     def fault(self, topic: str) -> str:
         """Return why a topic, given its absolute name, cannot be subscribed to; empty if it can."""
         return next((each.fault for each in self._feeds.values() if each.topic == topic), '')
-
-    def _refresh_every(self, period_ns: int) -> None:
-        if self._timer is None:
-            self._timer = self._node.create_timer(
-                period_ns / SECOND_NS,
-                self.refresh,
-                callback_group=self.group,
-                clock=self._wall_clock,
-            )
-        elif self._timer.timer_period_ns != period_ns:
-            self._timer.timer_period_ns = period_ns
-            self._timer.reset()
 
 
 def _in_time(messages: Iterable[ReceivedMessage], began: int) -> Iterator[ReceivedMessage]:

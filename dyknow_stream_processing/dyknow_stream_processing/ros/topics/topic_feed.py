@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from time import monotonic_ns
+from time import monotonic_ns, time_ns
 from typing import Any, NamedTuple, Protocol, cast
 
 from rclpy.callback_groups import CallbackGroup
@@ -70,6 +70,8 @@ class ReceivedMessage(NamedTuple):
     receipt_time: int
     sent_at: int
     """By the clock of the sender; 0 if it is unknown."""
+    is_initial: bool = False
+    """True if it was sent before the topic was subscribed to, and kept by its publisher."""
 
 
 @dataclass(eq=False, slots=True)
@@ -178,7 +180,7 @@ class TopicFeed:
                 self._drop(ViolationKind.SOURCE, 1)
                 return
             self.relay.note_sample(sample_violated_at(message.message))
-        is_initial = self.is_latched and 0 < message.sent_at < self.subscribed_at
+        is_initial = message.is_initial
         for listener in self.listeners:
             listener.on_message(
                 message.message, message.receipt_time, message.sent_at, is_initial=is_initial
@@ -273,7 +275,7 @@ class TopicFeed:
             )
             self.relay.refresh()
         self.topics.watermarks.refresh()
-        self.subscribed_at = self._now()
+        self.subscribed_at = time_ns()
         self.subscription = self.node.create_subscription(
             class_,
             self.topic,
@@ -295,12 +297,14 @@ class TopicFeed:
         # Some middleware does not give the time of receipt, and none gives it in simulated time.
         received = info.get('received_timestamp') or now
         sent_at = info.get('source_timestamp') or 0
+        # Both times are of system clocks, also where the node has simulated time.
+        is_initial = self.is_latched and 0 < sent_at < self.subscribed_at
         if self.topics.is_time_simulated:
             received, sent_at = now, 0
         # A message that was sent again may have been received after its successor.
         self.latest_receipt = min(max(self.latest_receipt, received), now)
         number = publication_number(message, info)
-        return ReceivedMessage(self, message, number, self.latest_receipt, sent_at)
+        return ReceivedMessage(self, message, number, self.latest_receipt, sent_at, is_initial)
 
     def _on_gap(self, count: int) -> None:
         if count:

@@ -213,11 +213,12 @@ class TopicSources:
         self._sources.clear()
 
     def _restart(self, set_back: int) -> None:
-        """Discard all samples, as the clock was set back: a simulation starts again."""
+        """Discard all samples, as the clock was set back, or is another one if that is 0."""
         now = self._node.get_clock().now().nanoseconds
         while self._held:
             self._release_first(now)
-        text = f'the clock was set back by {round_duration(set_back)}; all streams restart'
+        change = f'the clock was set back by {round_duration(set_back)}'
+        text = f'{change if set_back else "use_sim_time was changed"}; all streams restart'
         self._clear()
         self._dataflow.restart(Violation('', ViolationKind.VALID_TIME_ORDER, now, now, 0, 0, text))
         self.refresh()
