@@ -121,6 +121,23 @@ def test_a_take_over_tells_from_when_on_former_states_are_doubtful() -> None:
     assert kinds == {'gap': True, 'doubtful_from': 5}
 
 
+def test_a_take_over_after_a_better_stream_doubts_none_of_its_states() -> None:
+    """A violation in the states that were left before made a gap in those of the better stream."""
+    made = Supervised('b')
+    supervisor = made.supervisor
+    asyncio.run(supervisor.start())
+    made.violate(supervisor.stream, 'states_1', ViolationKind.MAX_GAP, 3)
+    supervisor.update_candidates(_candidates('a', 'b'))
+    made.run()
+    assert [each.stream for each in supervisor.chosen] == ['p_a']
+    standby = MagicMock(topic='/states_3', chosen=())
+    supervisor._standby.take.return_value = standby  # type: ignore[attr-defined]
+    made.violate(supervisor.stream, 'p_a', ViolationKind.SOURCE, 9)
+    made.run()
+    kinds = made.context.clients.evaluate_group.call_args_list[-1].kwargs
+    assert kinds == {'gap': True, 'doubtful_from': 9}
+
+
 @pytest.mark.parametrize('name', ['b', '/b', 'states_1'])
 def test_a_violation_of_a_stream_that_is_being_left_is_none_of_the_next(name: str) -> None:
     """It excluded the sources of the next one, and the supervisor returned to the broken one."""

@@ -390,7 +390,7 @@ class StateSupervisor:
         former = self.stream
         self._left.append(former)
         self.stream, self._next, self._session.chosen = stream, None, stream.chosen
-        self.used_since = self._context.node.now()
+        self.used_since, self._doubtful_from = self._context.node.now(), None
         await self._evaluate(stream, gap=False)
         self._context.node.spawn(self._retire, former)
         self._observer.add_event(f'other streams are better now; {describe_sources(self.chosen)}')
