@@ -10,7 +10,13 @@ from recorded_flow import Flow
 from transform_messages import push, push_transforms, transform
 
 from dyknow_common import ValueType
-from dyknow_stream_processing import StreamReference, made, parse_specification
+from dyknow_stream_processing import (
+    StreamReference,
+    Violation,
+    ViolationKind,
+    made,
+    parse_specification,
+)
 from dyknow_stream_processing.dataflow.built_in import transform_tree
 
 STRING = ValueType.STRING
@@ -370,9 +376,10 @@ def test_a_leading_slash_is_ignored(flow: Flow) -> None:
 def test_a_clock_that_is_set_back_begins_anew(flow: Flow) -> None:
     flow.create('tf("map", "base")')
     push_transforms(flow, 50, transform('map', 'base', 50))
-    flow.dataflow.rewind()
+    kind = ViolationKind.VALID_TIME_ORDER
+    flow.dataflow.restart(Violation('', kind, 0, 0, 0, 0, 'set back'))
     push_transforms(flow, 1, transform('map', 'base', 1))
-    assert (flow.times(), flow.broken()) == ([50, 1], [])
+    assert (flow.times(), flow.broken()) == ([50, 1], [(kind, 0)])
 
 
 def test_other_messages_on_the_topic(flow: Flow) -> None:

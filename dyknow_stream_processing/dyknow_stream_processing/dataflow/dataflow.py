@@ -330,16 +330,12 @@ class Dataflow:
         Args:
             violation: is reported by every stream; the statistics are kept.
         """
-        self.rewind()
-        for stream in self._streams.values():
-            stream.report(violation)
-
-    def rewind(self) -> None:
-        """Discard all samples and times, so that earlier samples can be pushed again."""
         self._reset()
         for stream in self._streams.values():
             stream.restart(self._scheduler, self._graph.connect(stream.resolved.term))
         self._graph.sweep()
+        for stream in self._streams.values():
+            stream.report(violation)
 
     def forget(self, topics: AbstractSet[str]) -> None:
         """Begin all streams that are made of some topics anew, as messages of these are missing.

@@ -147,13 +147,10 @@ class NodeTopics:
         return remove
 
     def restart_with(self, restart: Callable[[int], None]) -> Callable[[], None]:
-        """Call a function with the time by which the clock was set back, whenever it was.
+        """Call a function whenever the clock was set back, with the time; return one to end this.
 
         ROS tells jumps of simulated time alone. The steady clock reveals that the clock of the host
         was set back: both run equally fast, also while a daemon corrects the time slowly.
-
-        Returns:
-            A function that ends this.
         """
         self._restarts = (*self._restarts, restart)
 

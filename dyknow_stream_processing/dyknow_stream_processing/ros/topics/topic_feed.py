@@ -180,11 +180,9 @@ class TopicFeed:
                 self._drop(ViolationKind.SOURCE, 1)
                 return
             self.relay.note_sample(sample_violated_at(message.message))
-        is_initial = message.is_initial
+        _, received, _, now, sent_at, is_initial = message
         for listener in self.listeners:
-            listener.on_message(
-                message.message, message.receipt_time, message.sent_at, is_initial=is_initial
-            )
+            listener.on_message(received, now, sent_at, is_initial=is_initial)
         self._pass_watermark_on(message.receipt_time)
 
     def expect(self, stream_id: int) -> bool:
