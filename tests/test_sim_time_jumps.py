@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from dyknow_interfaces.msg import ExitStatus, FormulaResult, Sample, StreamWatermarks
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from battery_publishers import CALM, BatteryPublishers
-from dyknow_common.ros import nanoseconds_to_time
+from dyknow_common.ros import STREAM, nanoseconds_to_time, time_to_nanoseconds
+from dyknow_stream_processing.ros.topics.watermark_topics import WATERMARKS
 from evaluations import COORDINATOR, Evaluations, Monitored, Spares
 from services import nanoseconds
 from system import Batteries, System
@@ -191,6 +192,33 @@ def test_a_jump_back_of_a_stream_without_stamps(
     again = system.evaluate('always[0 s, 500 ms] level < 150')
     assert again.verdict == FormulaResult.TRUE, again.exit_status.message
     spares.clear()
+
+
+def test_what_is_certain_after_a_jump_back(
+    system: System, simulation: Simulation, spares: Spares
+) -> None:
+    """Another engine waited for a stream without samples until the time had passed once more."""
+    certain: list[int] = []
+    samples: list[Sample] = []
+
+    def note(message: StreamWatermarks) -> None:
+        found = [each for each in message.streams if each.stream_name == 'full']
+        certain.extend(time_to_nanoseconds(each.watermark) for each in found)
+
+    node, topic = system.client.node, '/dyknow/streams/_watermarks'
+    subscriptions = [
+        node.create_subscription(StreamWatermarks, topic, note, WATERMARKS),
+        node.create_subscription(Sample, '/dyknow/streams/full', samples.append, STREAM),
+    ]
+    spares.make('full', 'select data as level from "/tank/level" where data > 9')
+    system.client.spin_until(lambda: bool(samples and certain), 'what is certain')
+    simulation.level, begun = 1.0, simulation.now
+    system.client.spin_until(lambda: certain[-1] > begun + SECOND, 'what is certain later')
+    simulation.now -= 60 * SECOND
+    system.client.spin_until(lambda: certain[-1] < begun, 'what is certain again')
+    simulation.level = 10.0
+    for each in subscriptions:
+        node.destroy_subscription(each)
 
 
 def test_a_coordinator_that_is_killed(

@@ -300,12 +300,12 @@ class StreamProcessingEngine(DyKnowNode):
                 )
 
     def _watermarks(self) -> Iterator[Any]:
-        """Yield the watermarks that are later than the last samples'."""
+        """Yield the watermarks that are not those of the last samples: later, or after a restart."""
         if not self._sources.catch_up():
             return
         for name, output in self._outputs.items():
             watermark = self._dataflow.watermark(name)
-            if watermark > output.watermark and output.samples.is_for_others:
+            if watermark != output.watermark and output.samples.is_for_others:
                 yield StreamWatermark(
                     stream_name=name,
                     stream_id=output.writer.stream_id,

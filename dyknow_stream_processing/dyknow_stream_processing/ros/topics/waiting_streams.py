@@ -112,8 +112,8 @@ class ClockWatch:
 
     @property
     def since(self) -> int:
-        """The time some seconds ago, nanoseconds."""
-        return self._times[0]
+        """The time some seconds ago, or the earliest one if it was set back; nanoseconds."""
+        return min(self._times)
 
     def end_period(self) -> None:
         """Note the time; called each second of the wall clock."""
@@ -128,7 +128,7 @@ class ClockWatch:
             if self._node.count_publishers('/clock'):
                 return 'simulated time is 0: /clock has a publisher, but time has not started'
             return 'no /clock has come: nobody publishes it, but use_sim_time is true'
-        if len(self._times) == self._times.maxlen and now == self.since:
+        if len(self._times) == self._times.maxlen and now == self._times[0]:
             return f'simulated time stands still: /clock has not advanced for {SILENT_PERIODS} s'
         return ''
 
