@@ -176,7 +176,8 @@ def test_no_stand_in_goes_on_after_a_jump_back(
     simulation.clock_is_last = clock_is_last
     simulation.now -= 60 * SECOND if clock_is_last else SECOND // 2
     system.client.spin_until(future.done, 'the answer')
-    assert_broken(future.result(), 'the clock was set back by')
+    # Data that comes before the step of the clock is late by the jump.
+    assert_broken(future.result(), *([] if clock_is_last else ['the clock was set back by']))
 
 
 def test_a_jump_back_of_a_stream_without_stamps(

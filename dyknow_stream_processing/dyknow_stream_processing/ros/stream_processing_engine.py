@@ -300,7 +300,7 @@ class StreamProcessingEngine(DyKnowNode):
                 )
 
     def _watermarks(self) -> Iterator[Any]:
-        """Yield the watermarks that are not those of the last samples: later, or after a restart."""
+        """Yield the watermarks that differ from the last samples': later, or after a restart."""
         if not self._sources.catch_up():
             return
         for name, output in self._outputs.items():
