@@ -73,6 +73,74 @@ def test_a_recipe_tells_its_traces_apart(
     )
 
 
+TRAPS = {
+    'the first accelerations are over a shorter time': (
+        'acceleration_limit',
+        'time_s,Acceleration[robot1]\n0,5.0\n0.1,5.0\n0.2,1.0\n0.4,-1.0\n',
+        True,
+    ),
+    'another goal is cancelled within a second': (
+        'stops_after_cancel',
+        (
+            'time_s,Navigation[robot1],Speed[robot1]\n0,EXECUTING,0.5\n1,CANCELED,0.5\n'
+            '1.8,EXECUTING,0.5\n2.2,CANCELED,0.5\n2.9,CANCELED,0\n4,CANCELED,0\n6,CANCELED,0\n'
+        ),
+        True,
+    ),
+    'the first sample is above the peak': (
+        'power_recovers',
+        'time_s,Power[robot1]\n0,120\n1,250\n2,140\n3,140\n6,140\n9,140\n',
+        False,
+    ),
+    'the robot turns on the spot': (
+        'estop_stops',
+        (
+            'time_s,EmergencyStop[robot1],Speed[robot1],Turn[robot1]\n'
+            '0,false,0,0.8\n1,true,0,0.8\n1.5,true,0,0.8\n2.1,true,0,0.8\n'
+        ),
+        False,
+    ),
+    'the fingers press in the negative direction': (
+        'gripper_force',
+        'time_s,GripForce[arm1],LeastGripForce[arm1]\n0,0,0\n1,-20,-160\n',
+        False,
+    ),
+    'the mode is set before the drone is armed': (
+        'takeoff_climbs',
+        (
+            'time_s,NavState[px4_1]: int,ArmingState[px4_1]: int,Down[px4_1]\n'
+            '0,4,1,0\n1,17,1,0\n2,17,2,0\n13,17,2,0\n'
+        ),
+        False,
+    ),
+    'the ground is above the origin': (
+        'takeoff_climbs',
+        (
+            'time_s,NavState[px4_1]: int,ArmingState[px4_1]: int,Down[px4_1]\n'
+            '0,4,2,-20\n1,17,2,-20\n12,17,2,-20\n'
+        ),
+        False,
+    ),
+    'two seconds are stamped 1.1 s apart': (
+        'scan_stale',
+        (
+            'time_s,OdometryTime[robot1]: int,OdometryFraction[robot1],'
+            'ScanTime[robot1]: int,ScanFraction[robot1]\n0,12,0.0,10,0.9\n'
+        ),
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize('trap', TRAPS)
+def test_a_recipe_means_what_it_says_where_it_is_easily_missed(
+    trap: str, check: Callable[[Recipe, str], tuple[int, dict[str, Any]]]
+) -> None:
+    name, trace, passes = TRAPS[trap]
+    code, result = check(RECIPES[name], trace)
+    assert (code, result['passed']) == (0 if passes else 1, passes), result
+
+
 # The fields of the types that are not those of common_interfaces; a real message has more.
 _PX4 = {
     'VehicleLocalPosition': 'float32 x\nfloat32 y\nfloat32 z',

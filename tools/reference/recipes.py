@@ -34,6 +34,11 @@ name of a topic stands for each object; a robot without a namespace has `/odom` 
 pictures](operators_in_pictures.md) shows the windows of the operators. The limits are examples:
 replace them by those of your robot. A formula is no safety function.
 
+A robot *stands* if its forward speed is about zero: for one that turns on the spot or moves
+sideways, add these speeds, as `estop_stops` does. A formula begins when each of its topics has
+had a message, and a value counts until the next one: publish the first value of a button, a
+clearance or a command at the start.
+
 A formula that begins with an unbounded `always` never becomes true, as the next state may break
 it: over a recording it *passes* if nothing broke it. It ends at the first state that breaks it.
 To be told of each violation, and when it ends, remove the outermost `always`, and add
