@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from rich.panel import Panel
@@ -19,25 +19,34 @@ _PLAN: Final = '(the plan)'
 
 
 def unexpected(
-    monitored: MonitoredFormula, expectation: Expectation | None, start: int
-) -> str | None:
-    """Return how an outcome differs from the expected one; None if it does not.
+    formulas: Iterable[MonitoredFormula], expected: Mapping[str, Expectation], start: int
+) -> dict[str, str]:
+    """Return how outcomes differ from the expected ones, by the names of the formulas.
 
     Args:
-        monitored: the formula and its outcome.
-        expectation: of the scenario; None if it expects nothing of the formula.
+        formulas: those that were monitored, with their outcomes.
+        expected: of the scenario; it may expect nothing of some formulas.
         start: of the scenario, in nanoseconds.
     """
-    if expectation is None:
-        return None
+    monitored = {each.formula.name: each for each in formulas}
+    problems = {
+        name: _difference(monitored[name], expectation, start)
+        if name in monitored
+        else f'no such formula instead of {expectation.outcome}'
+        for name, expectation in expected.items()
+    }
+    return {name: problem for name, problem in problems.items() if problem}
+
+
+def _difference(monitored: MonitoredFormula, expectation: Expectation, start: int) -> str:
     if monitored.outcome != expectation.outcome:
         return f'{monitored.outcome} instead of {expectation.outcome}'
     if expectation.decided_between is None or monitored.known_at is None:
-        return None
+        return ''
     earliest, latest = expectation.decided_between
     elapsed = monitored.known_at - start
     if earliest <= elapsed <= latest:
-        return None
+        return ''
     return (
         f'{monitored.outcome} at {round_time(elapsed)} instead of between '
         f'{round_time(earliest)} and {round_time(latest)}'

@@ -3,7 +3,7 @@
 ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 """
 
-from dyknow_bringup.processes.arguments import is_true
+from dyknow_bringup.processes.arguments import is_true, number
 from dyknow_bringup.processes.launching import launch_description
 from dyknow_bringup.processes.processes import (
     dyknow_processes,
@@ -24,7 +24,7 @@ ARGUMENTS = {
 
 def processes(values):
     """Return the nodes of DyKnow, the simulation, and the nodes that monitor it."""
-    vehicles = int(values['uavs'])
+    vehicles = number('uavs', values['uavs'])
     return (
         *dyknow_processes(fleet_configuration(vehicle_names(vehicles))),
         uav_simulation(scenario_path(values['scenario']), vehicles),

@@ -91,6 +91,12 @@ def test_the_battery_delivers_the_power_and_sags(percentage: float, power: float
     assert EMPTY_VOLTAGE - 1.0 < voltage <= FULL_VOLTAGE
 
 
+def test_the_battery_delivers_at_most_what_it_can_in_a_storm() -> None:
+    power = flight_power(CALM, np.array([30.0, 0.0, 0.0]))
+    voltage, current = battery_load(0.5, power)
+    assert 0 < voltage * current < power
+
+
 def test_the_battery_empties() -> None:
     vehicle = Vehicle(FlightPlan((0.0, 0.0, 0.0), ()))
     full = vehicle.percentage

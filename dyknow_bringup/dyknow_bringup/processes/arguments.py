@@ -73,7 +73,7 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         store=Path(store).resolve() if store else None,
         reasoner=values['reasoner'],
         params_file=for_any_namespace(Path(params_file).resolve()) if params_file else None,
-        engines=_number('engines', values['engines']),
+        engines=number('engines', values['engines']),
         recorder={'folder': str(Path(record).resolve())} if record else None,
     )
     monitor = is_true('monitor', values['monitor'])
@@ -118,7 +118,12 @@ def is_true(name: str, value: str) -> bool:
     return text in {'true', '1'}
 
 
-def _number(name: str, text: str) -> int:
+def number(name: str, text: str) -> int:
+    """Return the value of a launch argument.
+
+    Raises:
+        BringupError: if it is no whole number.
+    """
     try:
         return int(text)
     except ValueError:

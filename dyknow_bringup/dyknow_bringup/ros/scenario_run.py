@@ -13,6 +13,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import ListStreams
 from rclpy.executors import SingleThreadedExecutor
+from rich.markup import escape
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.composition import composed
@@ -128,7 +129,9 @@ class ScenarioRun(SystemRun):
 
     def _work(self) -> bool:
         self._launcher.start_all(self._processes)
-        self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
+        self._console.print(
+            f'[bold]{escape(self._scenario.name)}[/]: {escape(self._scenario.description)}'
+        )
         coordinator = RemoteNode(self._node, 'stream_reasoning_coordinator')
         manager = RemoteNode(self._node, 'stream_manager', patience_s=START_TIMEOUT_S)
         with self._console.status('starting the nodes of DyKnow'):

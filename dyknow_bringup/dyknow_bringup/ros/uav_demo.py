@@ -24,7 +24,7 @@ from dyknow_common.executables import describe
 from dyknow_common.ros import command_main
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles
-from dyknow_recordings.reporting.outputs import optional_library
+from dyknow_recordings.reporting.outputs import check_place, optional_library
 
 SETTLING_NS = SECOND_NS
 """Time after the end of the scenario in which verdicts may still come."""
@@ -39,6 +39,8 @@ class Demonstration(ScenarioRun):
     """
 
     def __init__(self, *, page: Path | None, **settings: Any) -> None:
+        if page is not None:
+            check_place('--report', page)
         self._page = page
         self._pictures = PictureFiles(page, None, Judgement.AUTO)
         super().__init__(**settings)
@@ -65,12 +67,7 @@ class Demonstration(ScenarioRun):
         self._wait_for(lambda: monitor.has_ended, 'the end of the evaluations')
 
     def _report(self, monitor: FormulaMonitor) -> bool:
-        expected = self._scenario.expected
-        found = {
-            each.formula.name: unexpected(each, expected.get(each.formula.name), self._start)
-            for each in monitor.formulas
-        }
-        problems = {name: problem for name, problem in found.items() if problem is not None}
+        problems = unexpected(monitor.formulas, self._scenario.expected, self._start)
         self._console.print()
         self._console.print(summary(self._scenario.name, problems))
         if self._page is not None:

@@ -64,17 +64,18 @@ class MonitoredMission(ScenarioRun):
                 # An action after a failed one is never started.
                 await monitor.failed(task.action)
                 continue
-            self._console.print(f'[bold]{task.action}[/] starts')
+            action = escape(task.action)
+            self._console.print(f'[bold]{action}[/] starts')
             await monitor.started(task.action)
             answer = await client.evaluate(task.goal, timeout=task.within / SECOND_NS)
             succeeded = answer.verdict is Verdict.TRUE
             if succeeded:
                 await monitor.succeeded(task.action)
-                self._console.print(f'[bold]{task.action}[/] succeeded')
+                self._console.print(f'[bold]{action}[/] succeeded')
             else:
                 await monitor.failed(task.action)
                 reason = answer.error or answer.explanation
-                self._console.print(f'[bold red]{task.action} failed[/]: {escape(str(reason))}')
+                self._console.print(f'[bold red]{action} failed[/]: {escape(str(reason))}')
         return succeeded, await monitor.outcome
 
 

@@ -130,11 +130,11 @@ def battery_load(percentage: float, power: float) -> tuple[float, float]:
 
     Args:
         percentage: the charge, from 0 to 1.
-        power: in W.
+        power: in W; a battery delivers no more than it can, as in a storm.
     """
     idle = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * percentage
     # power = voltage * current, and voltage = idle - RESISTANCE * current
-    current = (idle - math.sqrt(idle**2 - 4 * RESISTANCE * power)) / (2 * RESISTANCE)
+    current = (idle - math.sqrt(max(0.0, idle**2 - 4 * RESISTANCE * power))) / (2 * RESISTANCE)
     return idle - RESISTANCE * current, current
 
 
