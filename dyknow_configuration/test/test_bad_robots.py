@@ -48,12 +48,21 @@ MANY = f'objects: {{R: [{", ".join(f"r{number}" for number in range(5_100))}]}}\
         ),
         ('[' * 100_000, 'not YAML: it nests too deep'),
         ('# \n' * 400_000, 'more than 1000000 characters; split it'),
+        (f'formulas: {"long" * 99}\n', '1:11: there is no file .*longlong: File name too long'),
         (
             'nodes: {stream_manager: {memory: &a [*a]}}\n',
             '1:34: write a text instead of a list',
         ),
     ],
-    ids=['annotations', 'copies', 'characters of streams', 'depth', 'characters', 'a loop'],
+    ids=[
+        'annotations',
+        'copies',
+        'characters of streams',
+        'depth',
+        'characters',
+        'a text as a name',
+        'a loop',
+    ],
 )
 def test_an_unusable_file(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / 'robot.yaml'
