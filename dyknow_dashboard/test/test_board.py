@@ -339,6 +339,23 @@ def test_the_number_of_evaluations_is_bounded() -> None:
     assert document['counts'] == {'failing': 1, 'running': MAX_SHOWN - 1, 'ended': 0, 'earlier': 0}
 
 
+def test_a_run_that_is_not_shown_makes_a_failed_one_an_earlier_run() -> None:
+    failed = replace(POWER, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE)
+    others = [replace(POWER, name=f'p{number}') for number in range(MAX_SHOWN)]
+    board = board_of(failed, *others, replace(POWER, started=POWER.started + 1))
+    (row,) = [each for each in board.formulas.rows() if each['name'] == 'power']
+    assert (row['state'], row['group']) == ('false', 'earlier')
+    assert board.formulas.failing() == set()
+
+
+def test_two_formulas_of_one_name_and_time_keep_apart() -> None:
+    """As in simulated time; the coordinator reports the one that has ended no more."""
+    ended = replace(POWER, formula_text='q.x < 1', phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
+    board = board_of(ended, POWER)
+    board.formulas.update([POWER], 22 * SECOND_NS)
+    assert [each['state'] for each in board.formulas.rows()] == ['running', 'true']
+
+
 def test_evaluations_of_one_name_are_distinct() -> None:
     board = board_of(POWER, POWER)
     assert len({each['id'] for each in board.formulas.rows()}) == 2

@@ -124,8 +124,8 @@ class FormulaTable:
         for key in gone[: max(len(gone) - MAX_ENDED, 0)]:
             del known[key]
         self._latest = {}
-        for each in known.values():
-            status = each.status
+        # Those that are not shown count, too.
+        for status in (*statuses, *(each.status for each in known.values())):
             if status.states_progressed or status.phase is EvaluationPhase.ENDED:
                 latest = self._latest.get(status.name, status.started)
                 self._latest[status.name] = max(latest, status.started)
@@ -242,11 +242,11 @@ class FormulaTable:
 
 def keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, EvaluationStatus]]:
     """Yield evaluations with keys that later reports give them, too."""
-    seen: Counter[tuple[int, str]] = Counter()
+    seen: Counter[str] = Counter()
     for each in statuses:
-        identity = each.started, each.name
-        name = blake2b(each.name.encode(), digest_size=8).hexdigest()
-        yield f'{each.started}-{seen[identity]}-{name}', each
+        named = blake2b(f'{each.name}\0{each.formula_text}'.encode(), digest_size=8).hexdigest()
+        identity = f'{each.started}-{named}'
+        yield f'{identity}-{seen[identity]}', each
         seen[identity] += 1
 
 
