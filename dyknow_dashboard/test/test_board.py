@@ -350,7 +350,9 @@ def test_a_run_that_is_not_shown_makes_a_failed_one_an_earlier_run() -> None:
 
 def test_two_formulas_of_one_name_and_time_keep_apart() -> None:
     """As in simulated time; the coordinator reports the one that has ended no more."""
-    ended = replace(POWER, formula_text='q.x < 1', phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
+    ended = replace(
+        POWER, formula_text='q.x < 1', phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE
+    )
     board = board_of(ended, POWER)
     board.formulas.update([POWER], 22 * SECOND_NS)
     assert [each['state'] for each in board.formulas.rows()] == ['running', 'true']
