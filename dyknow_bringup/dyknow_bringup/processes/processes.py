@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -139,62 +139,39 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
         given[COORDINATOR] = {'keep_ended': KEEP_VERDICTS_S, **coordinator}
     nodes = [
         Process(
-            package,
-            executable,
-            {**given.get(executable, {}), **parameters.get(executable, {})},
-            params_file=configuration.params_file,
+            package, executable, {**given.get(executable, {}), **parameters.get(executable, {})}
         )
         for executable, package in PACKAGES.items()
     ]
     engine = next(each for each in nodes if each.executable == ENGINE)
     numbers = range(2, configuration.engines + 1)
-    return (
-        *nodes,
-        *(replace(engine, node=f'{ENGINE}_{number}') for number in numbers),
-        *_recorder(configuration),
-        *_federation(configuration),
-    )
-
-
-def _recorder(configuration: SystemConfiguration) -> list[Process]:
-    if configuration.recorder is None:
-        return []
-    given = {**configuration.parameters.get(RECORDER, {}), **configuration.recorder}
-    return [Process('dyknow_reactions', RECORDER, given, params_file=configuration.params_file)]
-
-
-def _federation(configuration: SystemConfiguration) -> list[Process]:
-    if configuration.federated is None:
-        return []
-    given = {'robot': str(configuration.federated)}
-    return [Process('dyknow_federation', FEDERATION, given, params_file=configuration.params_file)]
+    nodes += (replace(engine, node=f'{ENGINE}_{number}') for number in numbers)
+    if configuration.recorder is not None:
+        recorder = {**given.get(RECORDER, {}), **configuration.recorder}
+        nodes.append(Process('dyknow_reactions', RECORDER, recorder))
+    if configuration.federated is not None:
+        robot = str(configuration.federated)
+        nodes.append(Process('dyknow_federation', FEDERATION, {'robot': robot}))
+    return _with_params_file(nodes, configuration)
 
 
 def watching_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
     """Return the guards and the monitor of formulas, which must survive what they watch."""
-    guards = _guards(configuration)
-    if configuration.monitored is None:
-        return tuple(guards)
-    monitor = Process(
-        'dyknow_bringup',
-        MONITOR,
-        {'robot': str(configuration.monitored), 'timeout': NO_TIMEOUT_S},
-        params_file=configuration.params_file,
-    )
-    return (*guards, monitor)
-
-
-def _guards(configuration: SystemConfiguration) -> Iterator[Process]:
-    return (
-        Process(
-            'dyknow_reactions',
-            'guard',
-            {'robot': str(path), 'guard': name},
-            node=name,
-            params_file=configuration.params_file,
-        )
+    nodes = [
+        Process('dyknow_reactions', 'guard', {'robot': str(path), 'guard': name}, node=name)
         for name, path in configuration.guards.items()
-    )
+    ]
+    if configuration.monitored is not None:
+        robot = str(configuration.monitored)
+        monitor = Process('dyknow_bringup', MONITOR, {'robot': robot, 'timeout': NO_TIMEOUT_S})
+        nodes.append(monitor)
+    return _with_params_file(nodes, configuration)
+
+
+def _with_params_file(
+    processes: Iterable[Process], configuration: SystemConfiguration
+) -> tuple[Process, ...]:
+    return tuple(replace(each, params_file=configuration.params_file) for each in processes)
 
 
 def robot_processes(
