@@ -314,11 +314,10 @@ def _altitude(value: YamlValue) -> tuple[float, float]:
 
 def numbers(value: YamlValue, count: int = 1) -> tuple[float, ...]:
     """Return some numbers, in a list if they are more than one."""
-    plain = value.plain()
-    found = plain if isinstance(plain, list) and count > 1 else [plain]
-    if len(found) != count or any(type(each) not in {int, float} for each in found):
+    found = value.items() if value.is_list and count > 1 else [value]
+    if len(found) != count or not all(each.is_number for each in found):
         raise value.expected('a number' if count == 1 else f'a list of {count} numbers')
-    return tuple(map(float, found))
+    return tuple(each.number() for each in found)
 
 
 def states_any(value: YamlValue, keys: Collection[str]) -> bool:

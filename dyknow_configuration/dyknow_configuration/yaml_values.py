@@ -211,8 +211,7 @@ class YamlValue:
 
     def one_or_more(self) -> list[YamlValue]:
         """Return the elements of a list, or this value alone."""
-        is_list = isinstance(self.node, yaml.SequenceNode) or self.is_empty
-        return self.items() if is_list else [self]
+        return self.items() if self.is_list or self.is_empty else [self]
 
     def text(self, description: str = 'a text') -> str:
         """Return a text that is not blank."""
@@ -274,7 +273,10 @@ class YamlValue:
         """Return a number."""
         if not self.is_number:
             raise self.expected('a number')
-        return float(self.plain())
+        try:
+            return float(self.plain())
+        except OverflowError:
+            raise self.expected('a number that a float can hold') from None
 
     @property
     def is_number(self) -> bool:
