@@ -116,13 +116,25 @@ def unit_conversion(given: str, wanted: str) -> UnitConversion | None:
         # In fractions, so that 1,000 ft are 304.8 m and not 304.79999999999995 m.
         origin, end = (_registry().convert(Fraction(each), one, other) for each in (0, 1))
         factor, offset = float(end - origin), float(origin)
+        periods, angles = zip(*map(_has_periods_and_angles, (one, other)), strict=True)
     # Dimensions, products of units with an origin, logarithms and factors that are too large for a
     # float each have their own errors.
     except Exception as error:
         raise DyKnowError(f"the unit '{given}' does not convert to '{wanted}'") from error
+    if any(periods) and angles[0] is not angles[1]:
+        raise DyKnowError(
+            f"the unit '{given}' does not convert to '{wanted}': the periods of Hz may be turns or "
+            'radians; write turn/s or rad/s'
+        )
     if (end - origin, origin) == (1, 0):
         return None
     return UnitConversion(factor, offset, (end - origin, origin))
+
+
+def _has_periods_and_angles(unit: Any) -> tuple[bool, bool]:
+    quantity = _registry().Quantity(1, unit)
+    names, roots = (dict(each.unit_items()) for each in (quantity, quantity.to_root_units()))
+    return any(name.endswith('hertz') for name in names), 'radian' in roots
 
 
 @cache

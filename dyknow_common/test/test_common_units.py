@@ -82,3 +82,16 @@ def test_what_does_not_convert_is_refused(given: str, wanted: str) -> None:
 def test_an_unknown_unit_is_refused() -> None:
     with pytest.raises(DyKnowError, match="unknown unit 'warp'"):
         check_unit('warp')
+
+
+@pytest.mark.parametrize('angles', ['rpm', 'rad/s', 'deg/s', 'turn/s', 'rps'])
+def test_periods_are_neither_turns_nor_radians(angles: str) -> None:
+    """The library takes 1 Hz for 1 rad/s, so for 9.5 rpm."""
+    for pair in ((angles, 'kHz'), ('Hz', angles), (f'm/({angles})', 'm/Hz')):
+        with pytest.raises(DyKnowError, match=r'Hz may be turns or radians; write turn/s or rad/s'):
+            unit_conversion(*pair)
+    assert unit_conversion('Hz', '1/s') is None
+    assert unit_conversion('rad*Hz', 'rad/s') is None
+    conversion = unit_conversion('turn/s', 'rpm')
+    assert conversion is not None
+    assert conversion(10.0) == 600.0
