@@ -679,3 +679,29 @@ def test_certain_numbers_have_a_certain_probability() -> None:
     # What is equal up to rounding is not known to be less.
     half = [{'x': 2.0, 's': 1.0}] * 3
     assert 'not known' in progressed('P(normal(x, s) > 2) >= 0.5', half)[2]
+
+
+@pytest.mark.parametrize('constant', ['', ', 0 s', ', 2 s'])
+@pytest.mark.parametrize(
+    ('atom', 'asked'),
+    [
+        ('X[a] - X[b] < 2', '>= 0.99'),
+        ('X[b] - X[a] > c', '<= 0.01'),
+        ('abs(X[a] - X[b]) < 1', '>= 0.99'),
+        ('hypot(X[a] - X[b], Y[a] - Y[b]) > 0', '<= 0.01'),
+        ('hypot(0 * X[a], Y[a] - Y[b], 0) <= 0', '>= 0.99'),
+    ],
+)
+def test_errors_that_cancel_out_leave_a_certain_comparison(
+    constant: str, atom: str, asked: str
+) -> None:
+    """As of an object with itself, among all pairs."""
+    group = FormulaGroup()
+    declared = f'let X ~ normal(X, 1{constant}), Y ~ normal(Y, 1{constant}) in '
+    pairs = 'forall a in Robot: forall b in Robot: '
+    for body in (atom, f'always[0 s, 1 s] {atom}'):
+        group.add_formula('f', f'{declared}{pairs}P({body}) {asked}')
+    group.begin({'Robot': ('r1',)})
+    state = {'X[r1]': 0.3, 'Y[r1]': 2.0, 'c': 0.0}
+    found = [each for second in range(3) for each in group.progress(second * 10**9, state)]
+    assert [(each.verdict, each.error) for each in found] == [(Verdict.TRUE, None)] * 2

@@ -144,7 +144,8 @@ class DistanceAtom:
             raise UnusableValueError(
                 f"the sides of '{self._atom}' are infinite; compare finite numbers"
             )
-        matrix = self._factors @ covariances @ self._factors.T
+        sizes = len(means), len(means)  # Numbers that cancel out leave none.
+        matrix = self._factors @ np.reshape(covariances, sizes) @ self._factors.T
         return chance_of_distance(self._operator, center, matrix, distance)
 
 

@@ -122,7 +122,7 @@ class _UncertainAtom:
         self.directions: list[tuple[tuple[int, float], ...]] = [(each,) for each in self.direction]
         is_turned = self._scale < 0
         self.operator = MIRRORED_COMPARISONS[atom.operator] if is_turned else atom.operator
-        self._atom, self._rest = atom, difference.rest
+        self._atom, self._difference = atom, difference
 
     def group(self, groups: Sequence[int]) -> None:
         """Let the numbers of a group count as one, given the group of each number."""
@@ -137,12 +137,7 @@ class _UncertainAtom:
         Raises:
             ReasoningError: if it is not a number.
         """
-        found: float = -sum(factor * read(values) for factor, read in self._rest) / self._scale
-        if found != found:  # noqa: PLR0124 - only NaN differs from itself
-            raise UnusableValueError(
-                f"the sides of '{self._atom}' are infinite; compare finite numbers"
-            )
-        return found
+        return -_rest(self._atom, self._difference, values) / self._scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,8 +236,12 @@ class StateDistribution:
             return
         left, right = sum_of(atom.left, kinds), sum_of(atom.right, kinds)
         difference = None if left is None or right is None else left.plus(right, -1.0)
-        if difference is not None and difference.factors:
-            self._uncertain[slot] = _UncertainAtom(atom, difference, self.numbers)
+        if difference is not None:
+            if difference.factors:
+                self._uncertain[slot] = _UncertainAtom(atom, difference, self.numbers)
+            else:  # As of `X[a] - X[b]` if both are one object.
+                compare = COMPARISONS[atom.operator]
+                self._certain[slot] = lambda values: compare(_rest(atom, difference, values), 0)
             return
         self.is_linear = False
         distance = distance_of(atom, kinds)
@@ -473,6 +472,14 @@ class StateDistribution:
         least, most = (distance - error) / deviation, (distance + error) / deviation
         below = (max(0.0, 1.0 - count * _below(-least)), min(1.0, count * _below(most)))
         return below if atom.operator in _LESS else complement(below)
+
+
+def _rest(atom: Comparison, difference: Sum, values: Values) -> float:
+    """Return the certain part of the left side of a comparison minus its right side."""
+    found: float = sum(factor * read(values) for factor, read in difference.rest)
+    if found != found:  # noqa: PLR0124 - only NaN differs from itself
+        raise UnusableValueError(f"the sides of '{atom}' are infinite; compare finite numbers")
+    return found
 
 
 def no_distribution(numbers: Iterable[Uncertain]) -> ReasoningError:
