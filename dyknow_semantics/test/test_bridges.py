@@ -10,9 +10,10 @@ from annotated import matcher_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import LanguageError, TextPosition
+from dyknow_common import LanguageError, TextPosition, ValueType
 from dyknow_semantics import (
     Bridge,
+    FeatureSignature,
     Knowledge,
     Relation,
     bridged,
@@ -155,6 +156,32 @@ def test_an_index_learns_bridges() -> None:
     assert old.match(concept) == new.match(concept)
     old.set_knowledge(known.stated)
     assert len(old.match(concept)) == 1
+
+
+@pytest.mark.parametrize('rule', ['uav:GpsAltitude into', 'uav:GpsAltitude equivalent'])
+def test_a_bridge_does_not_change_what_a_feature_inherits(rule: str) -> None:
+    """The unit and the sorts are of the feature above it, not of the other ontology."""
+    gps = 'http://www.example.org/uav#GpsAltitude'
+    below = [(gps, TYPE, CLASS), (gps, SUBCLASS_OF, 'http://www.example.org/uav#Altitude')]
+    found = bridged([*TRIPLES, *below], parse_bridges(f'{rule} robot2:height'))
+    assert not found.faults
+    assert found.known.feature('GpsAltitude') == FeatureSignature(
+        'GpsAltitude', ('UAV',), ValueType.FLOAT, 'm'
+    )
+    annotations = parse_annotations('stream s contains GpsAltitude[uav1] = z')
+    (match,) = matcher_of(annotations, found.known).match(parse_concept('GpsAltitude[uav1]'))
+    assert match.specification.endswith(' = select z as "GpsAltitude[uav1]" from s;')
+
+
+@pytest.mark.parametrize('rule', ['rank equivalent Altitude', 'Altitude equivalent rank'])
+def test_an_integer_is_not_equivalent_to_a_float(rule: str) -> None:
+    """In both directions, the rule alone is left out."""
+    rank = [
+        (subject, predicate, 'int' if value == 'float' else value)
+        for subject, predicate, value in robot('robot4', 'Boat', 'rank', ())
+    ]
+    (fault,) = bridged([*TRIPLES, *rank], parse_bridges(rule)).faults
+    assert "feature 'Altitude' must have the same value_type (int) as 'rank'" in fault
 
 
 @pytest.mark.parametrize('path', BAD, ids=lambda path: path.stem)

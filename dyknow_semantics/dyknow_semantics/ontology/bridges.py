@@ -181,10 +181,12 @@ def _check_kinds(bridge: Bridge, knowledge: Knowledge) -> None:
     if len(features) == 1:
         fault = f"'{features[0]}' is a feature and the other a sort"
     elif features:
-        source, target = knowledge.feature(bridge.source), knowledge.feature(bridge.target)
-        fault = ' and '.join(differences(source, target))
-        if fault:
-            fault = f"feature '{bridge.source}' {fault} as '{bridge.target}'"
+        source, target = bridge.source, bridge.target
+        is_mutual = bridge.relation is Relation.EQUIVALENT
+        for one, other in ((source, target), (target, source))[: 1 + is_mutual]:
+            if found := differences(knowledge.feature(one), knowledge.feature(other)):
+                fault = f"feature '{one}' {' and '.join(found)} as '{other}'"
+                break
     if fault:
         raise LANGUAGE.error(fault, bridge.text, bridge.source_position)
 

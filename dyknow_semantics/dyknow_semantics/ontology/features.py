@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -71,8 +71,10 @@ class SignatureReader:
         self._annotations = annotations
         self._concepts = concepts
 
-    def read(self, features: Iterable[str]) -> dict[str, FeatureSignature]:
-        """Return the signature of each feature, given and returned by IRI.
+    def read(
+        self, features: Iterable[str], known: Mapping[str, FeatureSignature]
+    ) -> dict[str, FeatureSignature]:
+        """Return the signature of each feature, given and returned by IRI, perhaps a known one.
 
         Raises:
             SemanticsError: with a line for each feature whose signature is incomplete or
@@ -82,7 +84,7 @@ class SignatureReader:
         faults: list[str] = []
         for iri in sorted(features):
             try:
-                found[iri] = self._signature(iri)
+                found[iri] = known.get(iri) or self._signature(iri)
             except SemanticsError as error:
                 faults.append(error.message)
         faults += [
@@ -153,18 +155,29 @@ class SignatureReader:
             raise SemanticsError(f"{requirement}, but '{sort}' is a feature")
         return sort
 
-    def _inherited(self, lineage: Iterable[str], name: str, key: str) -> str:
-        """Return the annotation of the first concept of a lineage that has it, or ''."""
+    def _inherited(self, lineage: Sequence[str], name: str, key: str) -> str:
+        """Return the annotation of the nearest concepts of a lineage that have it, or ''."""
+        above, found = self._taxonomy.above, dict[str, str]()
         for concept in lineage:
             stated = self._annotations.get(concept, {}).get(key, [])
+            is_hidden = any(concept in above(x) and x not in above(concept) for x in found)
+            if not stated or is_hidden:
+                continue
             if len(stated) > 1:
                 raise SemanticsError(
                     f"feature '{name}' has several annotations {key.rpartition('#')[2]}: "
                     f'{listed(sorted(stated))}; leave one'
                 )
-            if stated:
-                return stated[0]
-        return ''
+            found[concept] = stated[0]
+            if concept == lineage[0]:
+                break
+        if len({*found.values()}) > 1:
+            texts = [f'{each} of {self._concepts.name(iri)}' for iri, each in found.items()]
+            raise SemanticsError(
+                f"feature '{name}' inherits several annotations {key.rpartition('#')[2]}: "
+                f'{listed(texts)}; give it one of its own'
+            )
+        return next(iter(found.values()), '')
 
 
 def differences(feature: FeatureSignature, above: FeatureSignature) -> list[str]:

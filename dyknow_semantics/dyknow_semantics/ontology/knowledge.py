@@ -15,7 +15,7 @@ The ontology manager reads the triples from its store; other nodes get them by `
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, partial
 from typing import Final
 
@@ -77,7 +77,10 @@ class Knowledge:
         self._identities = self._unify(Taxonomy(index.symmetric(vocabulary.SAME_AS)))
         reader = SignatureReader(self._taxonomy, index.by_subject, self.concept_names)
         below = self._taxonomy.below(vocabulary.FEATURE) & self._concepts
-        self._features = reader.read(below - {vocabulary.FEATURE, vocabulary.NULLARY_FEATURE})
+        own = below - {vocabulary.FEATURE, vocabulary.NULLARY_FEATURE}
+        # A bridge does not change what a feature inherits.
+        known = stated._features if stated else {}  # noqa: SLF001 - of the same class
+        self._features: Mapping[str, FeatureSignature] = reader.read(own, known)
         self._instances = self._instances_of_concepts()
         self._identities_of: dict[str, frozenset[str]] = {}
 
