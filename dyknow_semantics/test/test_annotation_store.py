@@ -30,7 +30,7 @@ def test_a_stream_has_several_annotations(store: AnnotationStore) -> None:
     assert store.texts == (POWER, HEAT, GPS, TIMELY)
     assert [str(each) for each in store.remove('uav1_power')] == [POWER, HEAT, TIMELY]
     assert store.texts == (GPS,)
-    assert [each.stream for each in store.annotations] == ['/uav1/gps']
+    assert [each.stream for each in store.by_text.values()] == ['/uav1/gps']
 
 
 @pytest.mark.parametrize('text', [HEAT + POWER.replace('=', ' = '), HEAT + HEAT])

@@ -41,13 +41,8 @@ class AnnotationStore:
             resources.pop_all()
 
     @property
-    def annotations(self) -> tuple[Annotation, ...]:
-        """All annotations, in the order in which they were added."""
-        return tuple(self._annotations.values())
-
-    @property
     def by_text(self) -> Mapping[str, Annotation]:
-        """All annotations, by canonical text."""
+        """All annotations, by canonical text, in the order in which they were added."""
         return dict(self._annotations)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
@@ -214,23 +214,17 @@ class Ontology:
 
         Concepts and instances are returned by name, other resources by IRI, a blank node as a
         negative number, an unbound variable as an empty string. The query may take for ever; to
-        limit it, let a worker process answer it from a `copy`.
+        limit it, let a worker process answer it from a copy.
 
         Raises:
             SemanticsError: if the query is malformed, changes something or has too many solutions.
         """
         check_query(sparql)
-        with self.copy() as copy:
-            return self.rows(answer_query(copy, sparql, MAX_SOLUTIONS))
-
-    @contextmanager
-    def copy(self) -> Iterator[Path]:
-        """Write a copy of the contents to a file, which is removed after the body."""
-        file = self.write_copy()
+        copy = self.write_copy()
         try:
-            yield file
+            return self.rows(answer_query(copy, sparql, MAX_SOLUTIONS))
         finally:
-            file.unlink(missing_ok=True)
+            copy.unlink()
 
     def write_copy(self) -> Path:
         """Return a new file with a copy of the contents, which the caller removes."""

@@ -282,11 +282,7 @@ class OntologyWork:
         try:
             return await self._answering.run(self._answer, ontology, copy, sparql)
         finally:
-            self._remove(copy)
-
-    @staticmethod
-    def _remove(copy: Path) -> None:
-        copy.unlink(missing_ok=True)
+            copy.unlink(missing_ok=True)
 
     def _answer(
         self, ontology: Ontology, copy: Path, sparql: str

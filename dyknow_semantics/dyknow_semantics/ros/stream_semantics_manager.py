@@ -75,7 +75,7 @@ class StreamSemanticsManager(DyKnowNode):
             self._store.add(each for each in read if each not in self._store)
             self._origins |= origins_of(path, read)
         self._checks = AnnotationFaults()
-        self._is_checked = not self._store.annotations
+        self._is_checked = not self._store.texts
         self._is_checking = False
         # The types of streams, by annotation, and the version of the ontology at the last check.
         self._types: dict[str, str] = {}
