@@ -36,6 +36,8 @@ _ECCENTRICITY_SQUARED: Final = 0.00669437999014
 """The ellipsoid of WGS 84: the radius of its equator, and its shape."""
 
 _HALF_TURN: Final = 180.0
+_PLANE: Final = 2
+"""The dimension of polygons."""
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +104,9 @@ class LocalPlane:
             shapely().transform(found, lambda points, turn=turn: np.add(points, (turn, 0)))
             for turn in (-2 * _HALF_TURN, 0, 2 * _HALF_TURN)
         )
-        return shapely().union_all([shapely().intersection(each, earth) for each in turned])
+        cut = shapely().get_parts([shapely().intersection(each, earth) for each in turned])
+        # Of a vertex that is rounded to the other side, a line along the cut is left.
+        return shapely().union_all(cut[shapely().get_dimensions(cut) == _PLANE])
 
 
 def joined_at_cut(geometries: Sequence[Any]) -> Sequence[Any]:
