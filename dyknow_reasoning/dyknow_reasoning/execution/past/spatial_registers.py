@@ -8,7 +8,7 @@ where values do not fit into these.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import reduce
+from functools import cached_property, reduce
 from math import isfinite
 from operator import or_
 from typing import Any, Final, TypeAlias, cast
@@ -94,11 +94,8 @@ class SpatialTruths:
         self._numbers = {name: index for index, name in enumerate(places.objects)}
         self._vectors = FieldVectors(shared)
         self._sides = [places.links.conditions, places.lefts, places.rights]
-        self._conditions, self._lefts, self._rights = map(self._vector, self._sides)
-        self._lengths, self._places = map(
-            self._term_vector, (places.links.lengths, places.links.places)
-        )
-        self._readers: list[Callable[[Values], Array]] | None = None
+        terms = places.links.lengths, places.links.places
+        self._readable = [*map(self._vector, self._sides), *map(self._term_vector, terms)]
         self._latest: tuple[Values, Any] | None = None
         self._columns: tuple[Recording, Sequence[Any]] | None = None
 
@@ -154,26 +151,19 @@ class SpatialTruths:
 
     def _loaded(self, states: tuple[int, ...]) -> _Operands:
         """Return the operands that were loaded as vectors."""
-        if self._conditions is None or self._lefts is None or self._rights is None:
+        found = [each() for each in self._readable if each is not None]
+        if len(found) < len(self._readable):
             raise UnreadableError
-        lengths = None
-        if self.places.links.lengths:
-            if self._lengths is None:
-                raise UnreadableError
-            lengths = self._lengths()
-        linked = np.broadcast_to(self._conditions(), (*states, len(self.places.links.pairs)))
-        if self.places.links.places:
-            if self._places is None:
-                raise UnreadableError
+        conditions, lefts, rights, lengths, places = found
+        linked = np.broadcast_to(conditions, (*states, len(self.places.links.pairs)))
+        if places is not None:
             count = len(self.places.links.places)
-            linked = linked & self._neighbours(np.broadcast_to(self._places(), (*states, count)))
+            linked = linked & self._neighbours(np.broadcast_to(places, (*states, count)))
         ends = *states, len(self._numbers)
-        left = np.broadcast_to(self._lefts(), ends) if self.places.lefts else None
-        return self._matrix(linked, lengths), left, np.broadcast_to(self._rights(), ends)
+        left = np.broadcast_to(lefts, ends) if self.places.lefts else None
+        return self._matrix(linked, lengths), left, np.broadcast_to(rights, ends)
 
     def _one_by_one(self, values: Values) -> _Operands:
-        if self._readers is None:
-            self._readers = [_reader(side, self._kinds) for side in self._sides]
         linked, left, right = (read(values) for read in self._readers)
         if terms := self.places.links.places:
             found = [term_reader(term, self._kinds)(values) for term in terms]
@@ -196,6 +186,10 @@ class SpatialTruths:
                 )
             lengths = np.array(found, float)
         return self._matrix(linked, lengths), left if self.places.lefts else None, right
+
+    @cached_property
+    def _readers(self) -> list[Callable[[Values], Array]]:
+        return [_reader(side, self._kinds) for side in self._sides]
 
     def _matrix(self, linked: Array, lengths: Array | None) -> Array:
         """Return the lengths of the links as a matrix: ones, where links are counted."""
@@ -250,6 +244,8 @@ class SpatialTruths:
                 return None
 
     def _term_vector(self, terms: Sequence[Term]) -> Callable[[], Any] | None:
+        if not terms:
+            return lambda: None
         forms = {term_form(each, self._kinds) for each in terms}
         is_one = len(forms) == 1 and None not in forms
         return self._vectors.terms(terms, self._kinds) if is_one else None

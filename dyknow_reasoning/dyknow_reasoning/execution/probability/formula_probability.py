@@ -138,12 +138,11 @@ class FormulaProbability:
 
     def interval(self) -> ProbabilityInterval:
         """Return the probability, for any states that may come."""
-        return self._interval(self._model.chance())
+        return self._interval(self._model.chance(ended=False))
 
     def interval_at_end(self) -> ProbabilityInterval:
         """Return the probability if no further state comes."""
-        chance = self._model.chance() if self._is_lost else self._model.chance_at_end()
-        return self._interval(chance)
+        return self._interval(self._model.chance(ended=not self._is_lost))
 
     def _interval(self, chance: Chance) -> ProbabilityInterval:
         """Return the interval of a chance, with the errors of its rounding unless it is certain."""
@@ -213,18 +212,12 @@ class _BoundsModel:
             found = self._operator.step(time, chances)
             self._known, self._latest = next(iter(found), None), time
 
-    def chance(self) -> Chance:
-        return self._bounds(ended=False)
-
-    def chance_at_end(self) -> Chance:
-        return self._bounds(ended=True)
-
     def copied(self) -> _BoundsModel:
         found = copy(self)
         found._operator = deepcopy(self._operator)  # noqa: SLF001 - of the same class
         return found
 
-    def _bounds(self, *, ended: bool) -> Chance:
+    def chance(self, *, ended: bool) -> Chance:
         if self._known is not None:
             return self._known
         if self._latest is None:
@@ -346,12 +339,10 @@ class RemainderChain:
         if self._automaton.is_full:
             self._automaton.forget({location for location, _ in self._open})
 
-    def chance(self) -> Chance:
-        """Return the bounds of the probability, for any states that may come."""
-        return self._decided[True], 1.0 - self._decided[False]
-
-    def chance_at_end(self) -> Chance:
-        """Return the bounds if no further state comes."""
+    def chance(self, *, ended: bool) -> Chance:
+        """Return the bounds of the probability if no further state comes, or if any may."""
+        if not ended:
+            return self._decided[True], 1.0 - self._decided[False]
         held = sum(
             chance
             for (location, _), chance in self._open.items()

@@ -108,12 +108,10 @@ class SimulatedRuns:
         if self._automaton.is_full:
             self._automaton.forget({location for location, _ in self._places})
 
-    def chance(self) -> Chance:
-        """Return the interval of the probability, for any states that may come."""
-        return self._interval(self._counts[True], self._runs - self._counts[False], self._runs)
-
-    def chance_at_end(self) -> Chance:
-        """Return the interval if no further state comes."""
+    def chance(self, *, ended: bool) -> Chance:
+        """Return the interval of the probability if no further state comes, or if any may."""
+        if not ended:
+            return self._interval(self._counts[True], self._runs - self._counts[False], self._runs)
         counts = np.bincount(self._at, minlength=len(self._places)).tolist()
         places = zip(self._places, counts, strict=True)
         held = sum(count for (each, _), count in places if holds_at_the_end(each.node))
