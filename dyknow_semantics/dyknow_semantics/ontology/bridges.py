@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 from enum import StrEnum
+from itertools import chain
 from typing import Any, Final
 
 from lark import Token
@@ -151,7 +152,8 @@ def bridged(triples: Iterable[Triple], rules: Iterable[Bridge] = ()) -> Bridged:
         for source, predicate, target in all_triples
         if predicate in _RELATIONS
     )
-    bridges = *statements, *_valid(map(_only_bridge, texts), stated, faults)
+    others = chain.from_iterable(map(parse_bridges, texts))
+    bridges = *statements, *_valid(others, stated, faults)
     added = [(source, _CONSEQUENCES[relation], target) for source, relation, target in bridges]
     known = Knowledge((*all_triples, *added), stated) if added else stated
     return Bridged(known, statements, tuple(faults))
@@ -168,11 +170,6 @@ def _valid(
         except LanguageError as error:
             faults.append(error.message)
     return tuple(found)
-
-
-def _only_bridge(text: str) -> Bridge:
-    (bridge,) = parse_bridges(text)
-    return bridge
 
 
 def _check_kinds(bridge: Bridge, knowledge: Knowledge) -> None:

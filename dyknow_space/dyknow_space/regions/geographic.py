@@ -36,8 +36,6 @@ _ECCENTRICITY_SQUARED: Final = 0.00669437999014
 """The ellipsoid of WGS 84: the radius of its equator, and its shape."""
 
 _HALF_TURN: Final = 180.0
-_PLANE: Final = 2
-"""The dimension of polygons."""
 
 Floats = NDArray[np.float64]
 
@@ -106,7 +104,7 @@ class LocalPlane:
         )
         cut = shapely().get_parts([shapely().intersection(each, earth) for each in turned])
         # Of a vertex that is rounded to the other side, a line along the cut is left.
-        return shapely().union_all(cut[shapely().get_dimensions(cut) == _PLANE])
+        return shapely().union_all(cut[shapely().area(cut) > 0])
 
 
 def joined_at_cut(geometries: Sequence[Any]) -> Sequence[Any]:

@@ -36,14 +36,12 @@ def _of_polygons(first: Any, second: Any) -> RegionRelation:
     if first.equals(second):
         return RegionRelation.EQ
     if first.covered_by(second):
-        inner, tangential, proper = first, RegionRelation.TPP, RegionRelation.NTPP
-        outer = second
+        tangential, proper = RegionRelation.TPP, RegionRelation.NTPP
     elif second.covered_by(first):
-        inner, tangential, proper = second, RegionRelation.TPPI, RegionRelation.NTPPI
-        outer = first
+        tangential, proper = RegionRelation.TPPI, RegionRelation.NTPPI
     else:
         return RegionRelation.PO
-    return tangential if inner.boundary.intersects(outer.boundary) else proper
+    return tangential if first.boundary.intersects(second.boundary) else proper
 
 
 def _of_intervals(first: tuple[float, float], second: tuple[float, float]) -> RegionRelation:
