@@ -9,48 +9,50 @@ from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
-class PeerLeft:
-    """A peer has not been heard for `peer_timeout`. Requests to it stay, in case it returns."""
+class Event:
+    """An event of a peer."""
 
     peer: str
+
+
+@dataclass(frozen=True, slots=True)
+class PeerLeft(Event):
+    """A peer has not been heard for `peer_timeout`. Requests to it stay, in case it returns."""
+
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class PeerFault:
+class PeerFault(Event):
     """A message of a peer, or of another sender, is refused."""
 
-    peer: str
     message: str
 
 
 @dataclass(frozen=True, slots=True)
-class SharesChanged:
+class SharesChanged(Event):
     """The shares of a peer."""
 
-    peer: str
     shares: Shares
 
 
 @dataclass(frozen=True, slots=True)
-class ValueKnown:
+class ValueKnown(Event):
     """The value of a stream since a time; it has alternatives where the clocks leave it open."""
 
-    peer: str
     stream: str
     time: int
     value: Value
 
 
 @dataclass(frozen=True, slots=True)
-class StreamViolated:
+class StreamViolated(Event):
     """A violation of a stream, after all values that are known.
 
     Its host has noticed it, or refuses the request, or the times of samples are too uncertain, or
     samples between the last one that arrived and the next one cannot be had any more.
     """
 
-    peer: str
     stream: str
     constraint: str
     reason: str
@@ -59,50 +61,32 @@ class StreamViolated:
 
 
 @dataclass(frozen=True, slots=True)
-class WatermarkArrived:
+class WatermarkArrived(Event):
     """What is not known yet of the values of a stream holds after a time."""
 
-    peer: str
     stream: str
     time: int
 
 
 @dataclass(frozen=True, slots=True)
-class FormulaAnswered:
+class FormulaAnswered(Event):
     """A peer will evaluate a formula, or refuses it, or has not answered in time."""
 
-    peer: str
     stream: str
     refusal: str
 
 
 @dataclass(frozen=True, slots=True)
-class FormulaWaits:
+class FormulaWaits(Event):
     """Why a formula has no state that a peer evaluates; until something is known of its verdict."""
 
-    peer: str
     stream: str
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class ClockJumped:
+class ClockJumped(Event):
     """The clock of a peer, whose samples may have wrong times, or the own one, has jumped."""
 
-    peer: str
     since: int | None
     """The last time at which the clocks agreed with what was known; None without one."""
-
-
-Event = (
-    PeerLeft
-    | PeerFault
-    | SharesChanged
-    | ValueKnown
-    | StreamViolated
-    | WatermarkArrived
-    | FormulaAnswered
-    | FormulaWaits
-    | ClockJumped
-)
-"""An event."""
