@@ -9,35 +9,35 @@ from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class PeerEvent:
     """An event of a peer."""
 
     peer: str
 
 
 @dataclass(frozen=True, slots=True)
-class PeerLeft(Event):
+class PeerLeft(PeerEvent):
     """A peer has not been heard for `peer_timeout`. Requests to it stay, in case it returns."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class PeerFault(Event):
+class PeerFault(PeerEvent):
     """A message of a peer, or of another sender, is refused."""
 
     message: str
 
 
 @dataclass(frozen=True, slots=True)
-class SharesChanged(Event):
+class SharesChanged(PeerEvent):
     """The shares of a peer."""
 
     shares: Shares
 
 
 @dataclass(frozen=True, slots=True)
-class ValueKnown(Event):
+class ValueKnown(PeerEvent):
     """The value of a stream since a time; it has alternatives where the clocks leave it open."""
 
     stream: str
@@ -46,7 +46,7 @@ class ValueKnown(Event):
 
 
 @dataclass(frozen=True, slots=True)
-class StreamViolated(Event):
+class StreamViolated(PeerEvent):
     """A violation of a stream, after all values that are known.
 
     Its host has noticed it, or refuses the request, or the times of samples are too uncertain, or
@@ -61,7 +61,7 @@ class StreamViolated(Event):
 
 
 @dataclass(frozen=True, slots=True)
-class WatermarkArrived(Event):
+class WatermarkArrived(PeerEvent):
     """What is not known yet of the values of a stream holds after a time."""
 
     stream: str
@@ -69,7 +69,7 @@ class WatermarkArrived(Event):
 
 
 @dataclass(frozen=True, slots=True)
-class FormulaAnswered(Event):
+class FormulaAnswered(PeerEvent):
     """A peer will evaluate a formula, or refuses it, or has not answered in time."""
 
     stream: str
@@ -77,7 +77,7 @@ class FormulaAnswered(Event):
 
 
 @dataclass(frozen=True, slots=True)
-class FormulaWaits(Event):
+class FormulaWaits(PeerEvent):
     """Why a formula has no state that a peer evaluates; until something is known of its verdict."""
 
     stream: str
@@ -85,7 +85,7 @@ class FormulaWaits(Event):
 
 
 @dataclass(frozen=True, slots=True)
-class ClockJumped(Event):
+class ClockJumped(PeerEvent):
     """The clock of a peer, whose samples may have wrong times, or the own one, has jumped."""
 
     since: int | None

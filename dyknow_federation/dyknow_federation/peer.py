@@ -26,7 +26,7 @@ from dyknow_federation import events, messages
 from dyknow_federation.clocks import BEGINNING, NEVER
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
-from dyknow_federation.events import Event
+from dyknow_federation.events import PeerEvent
 from dyknow_federation.messages import MAX_REASON, Message, Packet, Request, Shares
 from dyknow_federation.push_down import streams_of
 from dyknow_federation.remote import RemotePeer, hello_period
@@ -55,7 +55,7 @@ class Effects(NamedTuple):
     """The packets to send, each with its receiver, which is empty for all, and events to act on."""
 
     packets: list[tuple[str, Packet]]
-    events: list[Event]
+    events: list[PeerEvent]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ class Peer:
         self.formulas: dict[str, FormulaForPeer] = {}
         self._epochs = count(1)
         self._hello_at = self._flush_at = BEGINNING
-        self._events: list[Event] = []
+        self._events: list[PeerEvent] = []
         self._unsent: dict[tuple[str, bool], list[Message]] = {}
         """By receivers; those that are urgent have packets of their own."""
         self._faults_at: dict[str, int] = {}

@@ -19,7 +19,7 @@ from dyknow_common import (
 from dyknow_configuration import RequestedFederation
 from dyknow_federation import events, messages
 from dyknow_federation.clocks import NEVER, PairClock
-from dyknow_federation.events import Event
+from dyknow_federation.events import PeerEvent
 from dyknow_federation.messages import is_verdict
 from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
@@ -130,7 +130,7 @@ class RemotePeer:
         due = (each.due for each in self.requested.values())
         return min(self.heard_at + limit, self._probe_at, *due, *waits)
 
-    def hear(self, incarnation: int, at: int) -> list[Event] | None:
+    def hear(self, incarnation: int, at: int) -> list[PeerEvent] | None:
         """Take a sign of life; return None if it is a late one of a former run.
 
         A former run is the present one again once that is stale: an altered packet named it.
@@ -148,9 +148,9 @@ class RemotePeer:
         self.is_present, self.is_stale, self.heard_at, self.departure = True, False, at, ''
         return found
 
-    def _restart(self, incarnation: int) -> list[Event]:
+    def _restart(self, incarnation: int) -> list[PeerEvent]:
         """Forget the former run: its clock, its version, and its numbers."""
-        found: list[Event] = []
+        found: list[PeerEvent] = []
         if self._incarnation is not None:
             self._former.append(self._incarnation)
             for name, each in self.requested.items():
@@ -169,7 +169,7 @@ class RemotePeer:
         for each in self.requested.values():
             each.due = at
 
-    def restart_times(self, at: int) -> list[Event]:
+    def restart_times(self, at: int) -> list[PeerEvent]:
         """Measure the clock anew, as the own one has jumped; all waits end."""
         self.heard_at = self._needed_at = at
         self._probes.clear()
@@ -178,14 +178,14 @@ class RemotePeer:
         self._begin(at)
         return self._begin_times_anew(at)
 
-    def _begin_times_anew(self, at: int) -> list[Event]:
+    def _begin_times_anew(self, at: int) -> list[PeerEvent]:
         """Forget the clock, which has jumped, and the samples that are dated by it."""
         since, self._probe_at = self.clock.latest, at
         self.clock.begin_anew(at)
         self._forget_values()
         return [events.ClockJumped(self.name, since)]
 
-    def advance(self, at: int) -> list[Event]:
+    def advance(self, at: int) -> list[PeerEvent]:
         """Do what is due: requests, probes, and the end of a link."""
         found = self._ask_again(at)
         if not self.is_present:
@@ -205,7 +205,7 @@ class RemotePeer:
                 self._send_request(each, at)
         return found
 
-    def _ask_again(self, at: int) -> list[Event]:
+    def _ask_again(self, at: int) -> list[PeerEvent]:
         """Repeat requests to evaluate formulas, and give up those that are late."""
         late = [name for name, each in self._formulas.items() if at >= each.deadline]
         for name in late:
@@ -248,7 +248,7 @@ class RemotePeer:
 
     def take(  # noqa: PLR0911 - one for each kind
         self, message: messages.Message, at: int
-    ) -> list[Event]:
+    ) -> list[PeerEvent]:
         """Take a message that answers what the own host has asked."""
         match message:
             case messages.Hello(version) if self._version < version:
@@ -269,17 +269,17 @@ class RemotePeer:
                 return self._take_reply(message, at)
         return []
 
-    def _take_shares(self, shares: messages.Shares) -> list[Event]:
+    def _take_shares(self, shares: messages.Shares) -> list[PeerEvent]:
         self.shares, self._version = shares, shares.version
         for each in self.requested.values():
             each.is_refused = False
         return [events.SharesChanged(self.name, shares)]
 
-    def check_stamp(self, stamp: int, at: int) -> list[Event]:
+    def check_stamp(self, stamp: int, at: int) -> list[PeerEvent]:
         """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
         return self._begin_times_anew(at) if self.clock.exceeds(stamp, at) else []
 
-    def _take_grant(self, grant: messages.Grant) -> list[Event]:
+    def _take_grant(self, grant: messages.Grant) -> list[PeerEvent]:
         name, epoch = grant.stream, grant.epoch
         requested = self.requested.get(name)
         if requested is None:
@@ -304,7 +304,7 @@ class RemotePeer:
         requested.precision = Precision(deadband, constants, ', and '.join(reasons))
         return [self._lose(name, 0, 'the peer numbers its samples anew')] if former else []
 
-    def _take_samples(self, message: messages.StreamMessage, at: int) -> Iterator[Event]:
+    def _take_samples(self, message: messages.StreamMessage, at: int) -> Iterator[PeerEvent]:
         name = self._granted.get(message.epoch)
         if name is None:
             return  # The next request will be granted with this epoch.
@@ -314,7 +314,7 @@ class RemotePeer:
         if not requested.stream.is_complete:
             requested.due = min(requested.due, at + self._retry)
 
-    def _take_refusal(self, name: str, reason: str, at: int) -> list[Event]:
+    def _take_refusal(self, name: str, reason: str, at: int) -> list[PeerEvent]:
         requested = self.requested.get(name)
         if requested is None or requested.is_refused:
             return []
@@ -322,14 +322,14 @@ class RemotePeer:
         text = f"peer '{self.name}' refuses it: {reason}"
         return [self._violation(name, ViolationKind.MESSAGE, text, at)]
 
-    def _take_reply(self, reply: messages.ProbeReply, at: int) -> list[Event]:
+    def _take_reply(self, reply: messages.ProbeReply, at: int) -> list[PeerEvent]:
         sent = reply.probe_sent_at
         if sent not in self._probes:
             return []
         self._probes.remove(sent)
         since = self.clock.latest
         jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
-        found: list[Event] = []
+        found: list[PeerEvent] = []
         if jump is not None:
             self._forget_values()
             found.append(events.ClockJumped(self.name, since))
@@ -339,7 +339,7 @@ class RemotePeer:
                 found += self._deliver(name, at)
         return found
 
-    def _deliver(self, name: str, at: int) -> Iterator[Event]:
+    def _deliver(self, name: str, at: int) -> Iterator[PeerEvent]:
         """Yield what is due of a stream; nothing while its times cannot be translated."""
         if self.clock.latest is None:
             return
@@ -363,7 +363,7 @@ class RemotePeer:
             if isinstance(each, Promise):
                 yield events.WatermarkArrived(self.name, name, values.settled)
 
-    def _put(self, name: str, received: Received, at: int) -> Iterator[Event]:
+    def _put(self, name: str, received: Received, at: int) -> Iterator[PeerEvent]:
         """Take a sample, unless it cannot be dated; yield what is wrong with its time."""
         earliest, latest = self.clock.own_time(received.valid_time)
         if earliest < self.clock.since:
@@ -395,13 +395,15 @@ class RemotePeer:
             return text
         return with_changed_times(text, lambda time: self.clock.own_time(time).latest)
 
-    def _lose(self, name: str, count: int, reason: str) -> Event:
+    def _lose(self, name: str, count: int, reason: str) -> PeerEvent:
         self.requested[name].values.lose()
         text = f"samples of peer '{self.name}' are lost: {reason}"
         self.lost += count
         return self._violation(name, ViolationKind.LOST, text)
 
-    def _violation(self, name: str, constraint: str, reason: str, time: int | None = None) -> Event:
+    def _violation(
+        self, name: str, constraint: str, reason: str, time: int | None = None
+    ) -> PeerEvent:
         return events.StreamViolated(self.name, name, str(constraint), reason, time)
 
     def _forget_values(self) -> None:

@@ -18,8 +18,8 @@ from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, StreamConstraint
 from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import (
-    Event,
     FormulaAnswered,
+    PeerEvent,
     StreamViolated,
     ValueKnown,
     WatermarkArrived,
@@ -363,7 +363,7 @@ class Simulation:
             for name, start, end in self._outages
         )
 
-    def _take(self, events: Iterable[Event]) -> None:
+    def _take(self, events: Iterable[PeerEvent]) -> None:
         for event in events:
             match event:
                 case ValueKnown(peer, _, time, level):
@@ -533,7 +533,7 @@ class PushDownSimulation(Simulation):
         for name in undecided & host.peer.sent.keys() if host.is_silent else ():
             host.peer.violate(name, fault, reading)
 
-    def _take(self, events: Iterable[Event]) -> None:
+    def _take(self, events: Iterable[PeerEvent]) -> None:
         for event in events:
             match event:
                 case FormulaAnswered(peer, stream, ''):

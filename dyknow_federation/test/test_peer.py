@@ -18,8 +18,8 @@ from dyknow_federation.encoding import VERSION, encode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     ClockJumped,
-    Event,
     FormulaAnswered,
+    PeerEvent,
     PeerFault,
     PeerLeft,
     SharesChanged,
@@ -54,7 +54,7 @@ class Net:
         self.now = 100 * SECOND_NS
         self.offsets = dict.fromkeys(names, 0)
         self.peers: dict[str, Peer] = {}
-        self.events: dict[str, list[Event]] = {name: [] for name in names}
+        self.events: dict[str, list[PeerEvent]] = {name: [] for name in names}
         self.drops: Callable[[Packet], bool] = lambda _: False
         self.alters: Callable[[bytes], bytes] = lambda data: data
         self._on_the_way: list[tuple[int, str, str, bytes]] = []
@@ -80,7 +80,7 @@ class Net:
                 if name in self.peers:
                     self._act(name, *self.peers[name].receive(data, self.time(name), sender))
 
-    def _act(self, name: str, packets: list[tuple[str, Packet]], events: list[Event]) -> None:
+    def _act(self, name: str, packets: list[tuple[str, Packet]], events: list[PeerEvent]) -> None:
         self.events[name] += events
         for receiver, packet in packets:
             for other in self.peers:
@@ -88,12 +88,12 @@ class Net:
                     data = self.alters(encode(packet))
                     self._on_the_way.append((self.now + MS, other, name, data))
 
-    def take(self, name: str, kind: type[Event]) -> list[Event]:
+    def take(self, name: str, kind: type[PeerEvent]) -> list[PeerEvent]:
         """The events of a kind so far; all events are forgotten."""
         found, self.events[name] = self.events[name], []
         return [each for each in found if isinstance(each, kind)]
 
-    def send(self, receiver: str, sender: str, message: Message) -> list[Event]:
+    def send(self, receiver: str, sender: str, message: Message) -> list[PeerEvent]:
         peer = self.peers[receiver]
         return peer.receive(encode(Packet(7, (message,))), self.time(receiver), sender).events
 
@@ -562,7 +562,7 @@ def has(packet: Packet, kind: type[Message]) -> bool:
     return any(isinstance(each, kind) for each in packet.messages)
 
 
-def ask_formula(net: Net, request: FormulaRequest = ASKED, asker: str = 'b') -> list[Event]:
+def ask_formula(net: Net, request: FormulaRequest = ASKED, asker: str = 'b') -> list[PeerEvent]:
     """Ask `a` to evaluate a formula; return what becomes of it."""
     net.peers[asker].request_formula('a', request, net.time(asker))
     net.run(3)

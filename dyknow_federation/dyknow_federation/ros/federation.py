@@ -136,7 +136,7 @@ class Federation(DyKnowNode):
         for event in effects.events:
             self._handle(event)
 
-    def _handle(self, event: events.Event) -> None:
+    def _handle(self, event: events.PeerEvent) -> None:
         """Act on an event of a stream, or of a peer."""
         match event:
             case events.ValueKnown(peer, stream, time, value):
@@ -152,7 +152,7 @@ class Federation(DyKnowNode):
             case _:
                 self._handle_peer(event)
 
-    def _handle_peer(self, event: events.Event) -> None:
+    def _handle_peer(self, event: events.PeerEvent) -> None:
         match event:
             case events.FormulaAnswered():
                 self._formulas.take(event)
