@@ -41,6 +41,7 @@ guards:
             ('"/cmd_vel_in".linear.x < 0.5', '"cmd_vel_in".linear.x < 0.5'),
             "names the input as 'cmd_vel_in'; write '/cmd_vel_in'",
         ),
+        (('output: /cmd_vel', 'output: cmd_vel_in'), 'the output is the input'),
     ],
 )
 def test_a_guard_that_cannot_start(change: tuple[str, str], message: str, tmp_path: Path) -> None:
@@ -50,6 +51,21 @@ def test_a_guard_that_cannot_start(change: tuple[str, str], message: str, tmp_pa
     assert done.returncode == ERROR
     assert message in done.stderr
     assert f'{path}:2:5: the ' in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('topics', 'message'),
+    [
+        ('input: /other_in, output: cmd_vel', "the guard 'other' publishes cmd_vel already"),
+        ('input: cmd_vel, output: cmd_vel_in', 'messages of /cmd_vel come back to /cmd_vel_in'),
+    ],
+)
+def test_guards_that_name_one_topic_differently(topics: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(f'{GUARD}  - {{name: other, {topics}, formulas: p.x > 0}}\n')
+    done = output_of(command('dyknow', 'guard', str(path), 'base_guard'), private_environment())
+    assert done.returncode == ERROR
+    assert f"{path}:2:5: the guard 'base_guard': {message}" in done.stderr
 
 
 def test_the_choice_of_a_guard(tmp_path: Path) -> None:

@@ -165,14 +165,36 @@ def test_two_triggers_with_different_types(monitoring: Client, tmp_path: Path) -
     assert str(error.value).startswith(f'{tmp_path}/robot.yaml:2:')
 
 
-def test_types_that_the_middleware_refuses(monitoring: Client, tmp_path: Path) -> None:
-    """They are names of one topic, as this node has no namespace."""
+def test_two_names_of_one_topic_with_different_types(monitoring: Client, tmp_path: Path) -> None:
+    """This node has no namespace."""
     one, other = (
         f'{{publish: {{topic: {topic}, type: {kind}}}}}'
         for topic, kind in (('/a', STRING), ('a', FLOAT))
     )
-    with pytest.raises(ConfigurationError, match=r'robot\.yaml:2:.*incompatible type'):
+    message = f'robot.yaml:2:.*another trigger uses the topic /a with the type {STRING}'
+    with pytest.raises(ConfigurationError, match=message):
         Triggers(monitoring.node, [formula(tmp_path, f'{{false: [{one}, {other}]}}')])
+
+
+def test_runs_with_two_names_of_one_target_keep_their_order(
+    monitoring: Client, tmp_path: Path
+) -> None:
+    """A retry of the alarm must not follow the report that it is over."""
+    first, second = (
+        f'{{call: {{service: {name}, type: {BOOL}, request: {{data: {data}}}}}, retries: 2}}'
+        for name, data in (('alarm', 'true'), ('/alarm', 'false'))
+    )
+    requested = formula(tmp_path, f'{{false: {first}, clear: {second}}}')
+    with Triggers(monitoring.node, [requested], logs_targets=False) as triggers:
+        one, other = triggers.uses
+        assert one.target == other.target
+
+
+def test_types_that_the_middleware_refuses(monitoring: Client, tmp_path: Path) -> None:
+    monitoring.node.create_publisher(String, '/a', 10)
+    requested = formula(tmp_path, f'{{false: {{publish: {{topic: a, type: {FLOAT}}}}}}}')
+    with pytest.raises(ConfigurationError, match=r'robot\.yaml:2:.*incompatible type'):
+        Triggers(monitoring.node, [requested])
 
 
 def test_a_subscriber_that_requests_another_quality(

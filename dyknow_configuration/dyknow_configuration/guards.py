@@ -69,33 +69,15 @@ def read_guards(
     """
     known = {each.name: each for each in formulas}
     names: dict[str, RequestedGuard] = {}
-    outputs: dict[str, str] = {}
     for each in value.items('a list of guards'):
         stated = each.mapping(GUARD_KEYS, _REQUIRED)
         guard = _guard(each, stated, known, constants)
         if guard.name in names:
             raise stated['name'].error(f"the name '{guard.name}' is taken; use another")
-        if guard.output in outputs:
-            raise stated['output'].error(
-                f"the guard '{outputs[guard.output]}' publishes {guard.output} already, so what "
-                'one of them stops the other may pass; use one guard with all formulas'
-            )
-        if _reaches(guard.output, guard.input, tuple(names.values())):
-            raise stated['output'].error(
-                f'messages of {guard.output} come back to {guard.input} by other guards, and pass '
-                'again for ever; use another topic'
-            )
-        names[guard.name], outputs[guard.output] = guard, guard.name
+        if conflict := guard.conflict_with(names.values()):
+            raise stated['output'].error(conflict)
+        names[guard.name] = guard
     return tuple(names.values())
-
-
-def _reaches(topic: str, goal: str, guards: Sequence[RequestedGuard]) -> bool:
-    """Return True if guards pass messages of a topic on to another one, directly or not."""
-    return any(
-        each.output == goal or _reaches(each.output, goal, guards)
-        for each in guards
-        if each.input == topic
-    )
 
 
 def _guard(
@@ -105,8 +87,6 @@ def _guard(
     constants: Constants,
 ) -> RequestedGuard:
     topic, output = (stated[key].matched(_TOPIC, 'the name of a topic') for key in _TOPICS)
-    if topic == output:
-        raise stated['output'].error('the output is the input; use another topic')
     formulas: list[RequestedFormula] = []
     for each in stated['formulas'].one_or_more():
         formula = _formula(each, topic, known, constants)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import product
@@ -122,6 +122,36 @@ class RequestedGuard:
             for stream in sorted(formula.streams - {self.input}):
                 if resolve(stream) == resolve(self.input):
                     yield formula.name, stream
+
+    def conflict_with(
+        self, others: Collection[RequestedGuard], resolve: Callable[[str], str] = str
+    ) -> str:
+        """Return why this guard cannot run beside others; empty if it can.
+
+        Args:
+            others: guards with other names.
+            resolve: returns the absolute name of a topic.
+        """
+        reached = {resolve(self.output)}
+        for each in others:
+            if resolve(each.output) in reached:
+                return (
+                    f"the guard '{each.name}' publishes {each.output} already, so what one of them "
+                    'stops the other may pass; use one guard with all formulas'
+                )
+        if resolve(self.input) in reached:
+            return 'the output is the input; use another topic'
+        while (
+            more := {resolve(each.output) for each in others if resolve(each.input) in reached}
+            - reached
+        ):
+            reached |= more
+        if resolve(self.input) in reached:
+            return (
+                f'messages of {self.output} come back to {self.input} by other guards, and pass '
+                'again for ever; use another topic'
+            )
+        return ''
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,12 +27,13 @@ one event do not wait for each other, but commands of the next event wait for th
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
 from itertools import takewhile
 from math import isfinite, nan
+from operator import attrgetter
 from typing import Final
 
 from dyknow_common import SECOND_NS, ExitCode, Margin, Value, Verdict, format_duration, round_time
@@ -197,6 +198,7 @@ class TriggerUse:
         formula: the name of the formula.
         event: the event.
         trigger: the trigger.
+        name_of_target: the absolute name of its target.
         state: of the latest event.
         text: what has happened last, for people.
         runs: the number of runs that have begun.
@@ -209,6 +211,7 @@ class TriggerUse:
     formula: str
     event: TriggerEvent
     trigger: Trigger
+    name_of_target: str
     state: TriggerState = TriggerState.OK
     text: str = 'it has not run'
     runs: int = 0
@@ -228,7 +231,7 @@ class TriggerUse:
         kind = self.trigger.kind
         # A goal that is sent late must not survive the cancellation that follows it.
         kind = TriggerKind.SEND_GOAL if kind is TriggerKind.CANCEL_GOAL else kind
-        return self.formula, kind, self.trigger.target
+        return self.formula, kind, self.name_of_target
 
     def note(self, now: int, state: TriggerState, text: str) -> None:
         """Set the state, with an entry in the log."""
@@ -260,11 +263,16 @@ class TriggerRuns:
 
     Args:
         formulas: with their triggers.
+        target_of: returns the absolute name of a target, which may be written in several ways.
     """
 
-    def __init__(self, formulas: Sequence[RequestedFormula]) -> None:
+    def __init__(
+        self,
+        formulas: Sequence[RequestedFormula],
+        target_of: Callable[[Trigger], str] = attrgetter('target'),
+    ) -> None:
         self.uses = tuple(
-            TriggerUse(formula.name or formula.text, event, trigger)
+            TriggerUse(formula.name or formula.text, event, trigger, target_of(trigger))
             for formula in formulas
             for event, trigger in formula.on
         )

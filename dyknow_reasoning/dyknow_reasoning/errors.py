@@ -11,10 +11,18 @@ class ReasoningError(DyKnowError):
 
 
 class UnusableValueError(ReasoningError):
-    """A value of a state over which a formula cannot be evaluated, such as NaN; others may do."""
+    """A value of a state over which a formula cannot be evaluated, such as NaN; others may do.
 
-    def __init__(self, message: str) -> None:
-        super().__init__(message, ExitCode.CONSTRAINT_VIOLATION)
+    Args:
+        fault: the value, and what is wrong with it.
+        if_unknown: what to do if it stands for an unknown value; empty if it cannot.
+    """
+
+    def __init__(self, fault: str, if_unknown: str = '') -> None:
+        advice = f'; if that is an unknown value, {if_unknown}' if if_unknown else ''
+        super().__init__(fault + advice, ExitCode.CONSTRAINT_VIOLATION)
+        self.fault = fault
+        self.if_unknown = if_unknown
 
 
 def evaluation_error(error: Exception) -> ReasoningError:

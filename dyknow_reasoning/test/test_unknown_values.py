@@ -559,6 +559,15 @@ def test_an_unknown_value_while_a_gap_has_an_effect(value: float | None) -> None
     assert re.search(f'{reason} missing states', str(result.error))
 
 
+def test_another_fault_beside_an_unknown_value_while_a_gap_has_an_effect() -> None:
+    group = started('always (1 / y > 0 and (x > 1 or p))')
+    group.progress(0, {'x': 2, 'y': 1, 'p': False})
+    group.gap()
+    assert not group.progress(8, {'x': 2, 'y': 1, 'p': False})
+    (result,) = group.progress(9, {'x': None, 'y': 0, 'p': False})
+    assert str(result.error) == "'1 / y' is 1 / 0: division by zero"
+
+
 @pytest.mark.parametrize(
     'text',
     [

@@ -28,7 +28,7 @@ from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.language.constants import literal_of
 from dyknow_reasoning.language.formula import Atom, Freeze
-from dyknow_reasoning.progression.atoms import IF_UNKNOWN, Predicate, Values, predicate, term_reader
+from dyknow_reasoning.progression.atoms import Predicate, Values, predicate, term_reader
 from dyknow_reasoning.progression.instances import Translator, with_kept
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Node, slots
@@ -59,9 +59,8 @@ class KeptReader:
         try:
             return self._symbol(values)
         except UnusableValueError as error:
-            fault, if_unknown, _ = error.message.partition(IF_UNKNOWN)
-            mend = f"{if_unknown}leave out the 'let', which cannot keep it" if if_unknown else ''
-            raise UnusableValueError(f'{fault}{mend}') from None
+            mend = "leave out the 'let', which cannot keep it" if error.if_unknown else ''
+            raise UnusableValueError(error.fault, mend) from None
 
     def _symbol(self, values: Values) -> int:
         automaton, table = self._template.automaton, self._table

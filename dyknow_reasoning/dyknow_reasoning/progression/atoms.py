@@ -58,14 +58,6 @@ _PYTHON_TYPES: Mapping[Kind | None, tuple[type, ...]] = {
 POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
-IF_UNKNOWN: Final = '; if that is an unknown value, '
-"""The words before the mend in the message about a value that is not a number."""
-
-_NOT_A_NUMBER: Final = (
-    f'holds nan, not a number{IF_UNKNOWN}{{}} in robot.yaml, or check the recording with '
-    "'--missing unknown'"
-)
-
 MAX_GENERATED: Final = 256
 """The most atoms or fields for which code is generated, as Python compiles it recursively."""
 
@@ -298,7 +290,10 @@ def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> Read
             is_reference = isinstance(term, FieldReference)
             mend = "add 'missing: unknown' to the feature"
             mend = "use a feature from it with 'missing: unknown'" if is_reference else mend
-            raise UnusableValueError(f"the field '{name}' {_NOT_A_NUMBER.format(mend)}")
+            raise UnusableValueError(
+                f"the field '{name}' holds nan, not a number",
+                f"{mend} in robot.yaml, or check the recording with '--missing unknown'",
+            )
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
         mend = ' of Python; write value.item()' if type(value).__module__ == 'numpy' else ''
         raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}{mend}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -83,7 +83,7 @@ class GuardNode(DyKnowNode):
             for each in self._guard.formulas
             if each.reads(topic)
         }
-        self._check_references()
+        self._check_topics([each for each in robot.guards if each != self._guard])
         self._tried = CommandFormulas(self._commands)
         self._passage = self._make_passage()
         self._gate = self._make_gate()
@@ -116,8 +116,8 @@ class GuardNode(DyKnowNode):
             block=self._passage.obstacle,
         )
 
-    def _check_references(self) -> None:
-        """Refuse another name of the input in a formula."""
+    def _check_topics(self, others: Sequence[RequestedGuard]) -> None:
+        """Refuse names of topics that are the same in this namespace."""
 
         def resolved(name: str) -> str:
             return name if topic_fault(self, name) else str(self.resolve_topic_name(name))
@@ -127,6 +127,8 @@ class GuardNode(DyKnowNode):
                 f"{self._guard.place}: the formula '{name}' names the input as '{each}'; "
                 f"write '{self._guard.input}'"
             )
+        if conflict := self._guard.conflict_with(others, resolved):
+            raise ReactionError(f"{self._guard.place}: the guard '{self._guard.name}': {conflict}")
 
     def _watch_formulas(self) -> None:
         services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))

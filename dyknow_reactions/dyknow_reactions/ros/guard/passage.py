@@ -57,8 +57,6 @@ class Passage:
         self._on_message = on_message
         self._input = absolute_topic(node, guard.input, 'input')
         self._output = absolute_topic(node, guard.output, 'output')
-        if self._input == self._output:
-            raise ReactionError(f'{self._input} is the input and the output of the guard')
         self._group = MutuallyExclusiveCallbackGroup()
         self._class: Any = None
         self._publisher: Any = None

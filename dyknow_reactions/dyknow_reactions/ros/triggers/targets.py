@@ -63,27 +63,37 @@ class TargetFault:
 
 
 def target_of(node: Node, trigger: Trigger) -> str:
-    """Return the absolute name of the topic, service or action of a trigger.
+    """Return the absolute name of the topic, service or action of a trigger; or its command.
 
     Raises:
         ConfigurationError: if ROS cannot have it.
     """
-    key = _KEYS[trigger.kind]
+    key = _KEYS.get(trigger.kind)
+    if key is None:
+        return trigger.target
     try:
         return absolute_topic(node, trigger.target, f'the {key}')
     except DyKnowError as error:
         raise trigger.error(error.message, (key,)) from None
 
 
-def type_conflicts(triggers: Iterable[Trigger]) -> Iterator[ConfigurationError]:
-    """Yield an error for each trigger that uses the target of another one with another type."""
+def type_conflicts(
+    triggers: Iterable[Trigger], name_of: Callable[[Trigger], str]
+) -> Iterator[ConfigurationError]:
+    """Yield an error for each trigger that uses the target of another one with another type.
+
+    Args:
+        triggers: the triggers.
+        name_of: returns the name of the target of a trigger.
+    """
     types: dict[tuple[str, str], str] = {}
     for each in triggers:
         if each.type_name:
             key = _KEYS[each.kind]
-            known = types.setdefault((key, each.target), each.type_name)
+            name = name_of(each)
+            known = types.setdefault((key, name), each.type_name)
             if known != each.type_name:
-                text = f'another trigger uses the {key} {each.target} with the type {known}'
+                text = f'another trigger uses the {key} {name} with the type {known}'
                 yield each.error(text, ('type',))
 
 

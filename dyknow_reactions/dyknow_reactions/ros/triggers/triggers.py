@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import attrgetter
 from typing import Any, Final, Self
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -16,7 +18,12 @@ from dyknow_configuration import RequestedFormula, Trigger
 from dyknow_coordinator import Answer, Progress
 from dyknow_reactions.ros.triggers import targets
 from dyknow_reactions.ros.triggers.actions import ACTIONS, TriggerAction, check_action
-from dyknow_reactions.ros.triggers.targets import present_target_faults, triggers_of, type_conflicts
+from dyknow_reactions.ros.triggers.targets import (
+    present_target_faults,
+    target_of,
+    triggers_of,
+    type_conflicts,
+)
 from dyknow_reactions.triggers import (
     FormulaEvents,
     TriggerAttempt,
@@ -62,8 +69,9 @@ class Triggers:
         self, node: Node, formulas: Sequence[RequestedFormula], *, logs_targets: bool = True
     ) -> None:
         self._node = node
+        target = partial(target_of, node)
+        self._runs = TriggerRuns(formulas, target)
         self._adapter = NodeAdapter(node)
-        self._runs = TriggerRuns(formulas)
         self._events = [(each, FormulaEvents(each)) for each in formulas]
         self._pending: dict[TriggerAttempt, Callable[[], str]] = {}
         # A multi-threaded executor may run several callbacks at once.
@@ -73,7 +81,7 @@ class Triggers:
         self._timer: Any = None
         self._diagnostics: Any = None
         try:
-            self._create_actions(formulas)
+            self._create_actions(formulas, target)
         except DyKnowError:
             self.close()
             raise
@@ -127,8 +135,10 @@ class Triggers:
                 self._diagnostics.destroy()
             self._adapter.close()
 
-    def _create_actions(self, formulas: Sequence[RequestedFormula]) -> None:
-        for error in check_triggers(formulas):
+    def _create_actions(
+        self, formulas: Sequence[RequestedFormula], name_of: Callable[[Trigger], str]
+    ) -> None:
+        for error in check_triggers(formulas, name_of=name_of):
             raise error
         for each in triggers_of(formulas):
             try:
@@ -241,16 +251,19 @@ class Triggers:
 
 
 def check_triggers(
-    formulas: Sequence[RequestedFormula], others: Sequence[Trigger] = ()
+    formulas: Sequence[RequestedFormula],
+    others: Sequence[Trigger] = (),
+    name_of: Callable[[Trigger], str] = attrgetter('target'),
 ) -> list[DyKnowError]:
     """Return the faults of triggers: their types, fields and commands; needs no node.
 
     Args:
         formulas: with triggers.
         others: triggers that none of these has.
+        name_of: returns the name of the target of a trigger.
     """
     triggers = [*triggers_of(formulas), *others]
-    found: list[DyKnowError] = [*type_conflicts(triggers)]
+    found: list[DyKnowError] = [*type_conflicts(triggers, name_of)]
     for trigger in triggers:
         try:
             check_action(trigger)

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from dyknow_common import earliest, format_time, listed, shortened
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.aggregation import Outcome
 from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.configurations import Template
@@ -33,7 +33,7 @@ from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Poss
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.language.formula import Freeze
 from dyknow_reasoning.language.writing import as_written
-from dyknow_reasoning.progression.atoms import IF_UNKNOWN, Values
+from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
 from dyknow_reasoning.progression.instances import Instance, required_features
 from dyknow_reasoning.progression.nodes import Remembering, slots
@@ -483,14 +483,18 @@ class PossibleFormulas:
         """Return the errors of formulas that were not taken, and need an unknown value."""
         found: dict[int, ReasoningError] = {}
         for each in formulas:
-            error = outcomes.get(each)
             atoms = (atom for instance in instances[each] for atom in instance.atoms)
-            keeps_values = any(isinstance(atom, Freeze) for atom in atoms)
-            if isinstance(error, ReasoningError) and not keeps_values:
-                fault = error.message.partition(IF_UNKNOWN)[0]
-                reason = 'missing states, unusable values or kept histories still have an effect'
-                message = f'{fault}; it may not be unknown while {reason}'
-                found[each] = ReasoningError(message, error.code)
+            if any(isinstance(atom, Freeze) for atom in atoms):
+                continue
+            match outcomes.get(each):
+                case UnusableValueError(if_unknown=''):
+                    pass  # Another value is at fault.
+                case UnusableValueError(fault=fault) | ReasoningError(message=fault) as error:
+                    reason = (
+                        'missing states, unusable values or kept histories still have an effect'
+                    )
+                    message = f'{fault}; it may not be unknown while {reason}'
+                    found[each] = ReasoningError(message, error.code)
         return found
 
     def remove(self, formula_id: int) -> None:
