@@ -565,7 +565,7 @@ def test_another_fault_beside_an_unknown_value_while_a_gap_has_an_effect() -> No
     group.gap()
     assert not group.progress(8, {'x': 2, 'y': 1, 'p': False})
     (result,) = group.progress(9, {'x': None, 'y': 0, 'p': False})
-    assert str(result.error) == "'1 / y' is 1 / 0: division by zero"
+    assert str(result.error) == "at 0.000 s: '1 / y' is 1 / 0: division by zero"
 
 
 @pytest.mark.parametrize(
