@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from rclpy.node import Node
 
+from dyknow_common import DyKnowError, StreamConstraints
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_stream_processing.ros import StreamProxy
 from system import Client
@@ -76,6 +78,32 @@ def test_times_that_are_not_finite(node: Node, name: str, seconds: float) -> Non
         pytest.raises(ValueError, match=f'{name} must be a finite number of seconds, not '),
     ):
         client.monitor('always p', **{name: seconds})
+
+
+@pytest.mark.parametrize('seconds', [1e300, 10**400, 2**31])
+@pytest.mark.parametrize('name', ['timeout', 'wait'])
+def test_times_that_are_too_long(node: Node, name: str, seconds: float) -> None:
+    message = re.escape(f'{name} must be at most 2147483647 s (68 years), not {seconds!r}')
+    with FormulaClient(node) as client:
+        for ask in (client.monitor, client.evaluate_blocking):
+            with pytest.raises(ValueError, match=message):
+                ask('always p', **{name: seconds})
+
+
+@pytest.mark.parametrize(
+    ('constraints', 'message'),
+    [
+        ({'start_time': -1}, 'start_time is -1 ns; it must not be negative'),
+        ({'end_time': 2**31 * 10**9}, 'end_time is 2147483648 s; it must be at most'),
+        ({'max_delay': 0.5}, 'max_delay is 0.5; give a whole number of nanoseconds'),
+    ],
+)
+def test_times_of_constraints(node: Node, constraints: Any, message: str) -> None:
+    with FormulaClient(node) as client:
+        answer = client.evaluate_blocking('always p', constraints=StreamConstraints(**constraints))
+    assert message in str(answer.error)
+    with pytest.raises(DyKnowError, match=message):
+        StreamProxy(node, '/odom', on_sample=print, constraints=StreamConstraints(**constraints))
 
 
 def test_arguments_of_the_client_itself(node: Node) -> None:

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum, auto
-from typing import Any, Final
+from numbers import Integral
+from typing import Any, Final, cast
 
-from dyknow_common.durations import format_duration, parse_duration
+from dyknow_common.durations import MAX_DURATION_NS, format_duration, parse_duration
 from dyknow_common.errors import DyKnowError
 
 
@@ -132,22 +133,17 @@ class StreamConstraints:
         """Check that a stream can keep these constraints.
 
         Raises:
-            DyKnowError: if the stream ends before it starts, a duration is negative, a deviation
-                has no period or is greater than it, each period is a gap that is too long,
-                samples are put in order without a bound of their delay, or values expire at no
-                certain time.
+            DyKnowError: as for `validate_values`; or if the stream ends before it starts, a
+                deviation has no period or is greater than it, each period is a gap that is too
+                long, samples are put in order without a bound of their delay, or values expire at
+                no certain time.
         """
+        self.validate_values()
         given, text = self.given(), self.texts()
         if {'start_time', 'end_time'} <= given.keys() and given['end_time'] < given['start_time']:
             raise DyKnowError(
                 f'end_time ({text["end_time"]}) is before start_time ({text["start_time"]})'
             )
-        for name in ('sample_period', 'max_gap'):
-            if given.get(name, 1) <= 0:
-                raise DyKnowError(f'{name} is {text[name]}; it must be more than 0')
-        for name, value in given.items():
-            if CONSTRAINT_KINDS[name] is ConstraintKind.DURATION and value < 0:
-                raise DyKnowError(f'{name} is {text[name]}; it must not be negative')
         if self.reorder and self.max_delay is None:
             raise DyKnowError('reorder needs a max_delay beside it')
         if self.expires and (self.max_gap is None or self.max_delay is None):
@@ -158,6 +154,24 @@ class StreamConstraints:
         if self.expires and self.sample_period is not None:
             raise DyKnowError('a sample_period allows no value to expire; remove one of the two')
         self._check_distances(given, text)
+
+    def validate_values(self) -> None:
+        """Check each value by itself.
+
+        Raises:
+            DyKnowError: if one is no whole number, negative, too long, or a period or a gap of 0.
+        """
+        for name, value in self.given().items():
+            if not isinstance(cast('object', value), Integral):
+                raise DyKnowError(f'{name} is {value!r}; give a whole number of nanoseconds')
+            text = CONSTRAINT_KINDS[name].text(value)
+            if name in {'sample_period', 'max_gap'} and value <= 0:
+                raise DyKnowError(f'{name} is {text}; it must be more than 0')
+            if value < 0:
+                raise DyKnowError(f'{name} is {text}; it must not be negative')
+            if value > MAX_DURATION_NS:
+                most = format_duration(MAX_DURATION_NS)
+                raise DyKnowError(f'{name} is {text}; it must be at most {most} (68 years)')
 
     def _check_distances(self, given: Mapping[str, int], text: Mapping[str, str]) -> None:
         if 'sample_period_deviation' in given:

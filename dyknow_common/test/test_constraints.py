@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from math import nan
+
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, round_duration
+from dyknow_common import (
+    MAX_DURATION_NS,
+    NO_CONSTRAINTS,
+    DyKnowError,
+    StreamConstraints,
+    round_duration,
+)
 
 optional = st.none() | st.integers(0, 5)
 some_constraints = st.builds(
@@ -65,6 +73,13 @@ def test_text() -> None:
     'constraints',
     [
         StreamConstraints(start_time=2, end_time=1),
+        StreamConstraints(start_time=-1),
+        StreamConstraints(end_time=-1),
+        StreamConstraints(start_time=MAX_DURATION_NS + 1),
+        StreamConstraints(max_delay=10**30),
+        StreamConstraints(max_delay=0.5),  # type: ignore[arg-type]
+        StreamConstraints(max_gap=nan),  # type: ignore[arg-type]
+        StreamConstraints(max_lead='1 s'),  # type: ignore[arg-type]
         StreamConstraints(max_delay=-1),
         StreamConstraints(max_lead=-1),
         StreamConstraints(max_gap=0),
@@ -77,7 +92,8 @@ def test_text() -> None:
     ],
 )
 def test_what_makes_no_sense(constraints: StreamConstraints) -> None:
-    with pytest.raises(DyKnowError):
+    (name, *_) = constraints.given()
+    with pytest.raises(DyKnowError, match=name):
         constraints.validate()
     with pytest.raises(DyKnowError):
         NO_CONSTRAINTS.merged(constraints)

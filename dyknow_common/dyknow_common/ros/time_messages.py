@@ -47,8 +47,9 @@ def constraints_to_message(constraints: StreamConstraints) -> Any:
     """Return a StreamConstraints message.
 
     Raises:
-        DyKnowError: for a switch, which no message has.
+        DyKnowError: for a switch, which no message has, and as `validate_values`.
     """
+    constraints.validate_values()
     values: dict[str, list[Any]] = {}
     for name, value in constraints.given().items():
         if (kind := CONSTRAINT_KINDS[name]) not in _WRITERS:

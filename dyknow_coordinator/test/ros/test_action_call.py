@@ -36,7 +36,7 @@ class Situation:
         self.take_feedback: Callable[[Any], None] = lambda _: None
         itself: Any = self
         self.call = ActionCall(
-            itself, itself, itself, 'goal', GoalTimeouts(1.0, None),
+            itself, itself, itself, lambda: 'goal', GoalTimeouts(1.0, None),
             on_end=lambda _, error: self.ends.append(error and error.code),
             on_feedback=self.feedback.append,
         )  # fmt: skip
@@ -138,3 +138,29 @@ def test_who_cancels_again_and_again_waits_no_longer(situation: Situation) -> No
     assert (situation.cancelled, situation.polls) == (1, waits)
     situation.poll()
     assert situation.ends == [ExitCode.CANCELLED]
+
+
+@pytest.mark.parametrize('loses', [False, True])
+def test_a_goal_that_is_accepted_in_another_thread_while_the_call_ends(
+    *, loses: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A multi-threaded executor may deliver the answer at any place."""
+    monkeypatch.setattr(action_call, 'goal_id', id)
+    situation = Situation()
+
+    class InterruptedLock:
+        def __enter__(self) -> None:
+            if not situation.answer.done():
+                situation.answer.set_result(situation)
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    situation.call._lock = InterruptedLock()  # type: ignore[assignment]
+    if loses:
+        situation.lose()
+        situation.find()
+    else:
+        situation.call.fail(DyKnowError('it is closed', ExitCode.CANCELLED))
+    assert situation.cancelled == 1
+    assert len(situation.ends) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import pytest
@@ -31,6 +32,7 @@ class Situation:
         self.interruptions: list[Answer] = []
         self.answers: list[Answer] = []
         self.cancelled = 0
+        self.on_send: Callable[[], None] = lambda: None
         told = self.interruptions.append if retries else None
         node: Any = self
         send: Any = self.send
@@ -49,9 +51,12 @@ class Situation:
     def add_done_callback(self, callback: Callable[[Any], None]) -> None:
         self.timers.append(callback)
 
-    def send(self, timeout: float, on_end: Callable[[Answer], None]) -> Situation:
-        self.sent.append(timeout)
-        self.answer = on_end
+    def send(
+        self, wait: float, timeout: Callable[[], float], on_end: Callable[[Answer], None]
+    ) -> Situation:
+        self.sent.append(timeout())
+        self.longest_wait, self.timeout, self.answer = wait, timeout, on_end
+        self.on_send()
         return self
 
     def cancel(self) -> None:
@@ -93,6 +98,29 @@ def test_the_timeout_counts_for_all_attempts() -> None:
     situation.time += 9.6
     situation.answer(failed(ExitCode.CONSTRAINT_VIOLATION))
     assert len(situation.answers) == 1
+
+
+def test_the_timeout_counts_while_a_retry_waits_for_the_coordinator() -> None:
+    situation = Situation()
+    assert situation.longest_wait == inf
+    situation.time += 2
+    assert situation.timeout() == 10.0
+    situation.time += 5
+    situation.answer(failed(ExitCode.UNAVAILABLE))
+    situation.wait()
+    assert situation.longest_wait == 2.5
+    situation.time += 2
+    assert situation.timeout() == 0.5
+    situation.time += 2
+    assert 0 < situation.timeout() < 0.1
+
+
+def test_a_retry_is_cancelled_that_another_thread_sends_meanwhile() -> None:
+    situation = Situation()
+    situation.answer(failed(ExitCode.UNAVAILABLE))
+    situation.on_send = situation.attempts.cancel
+    situation.wait()
+    assert (len(situation.sent), situation.cancelled) == (2, 2)
 
 
 def test_attempts_are_cancelled_while_they_wait() -> None:

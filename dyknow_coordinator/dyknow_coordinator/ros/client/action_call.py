@@ -62,6 +62,7 @@ class ActionCall:
 
     Args:
         server: the node that offers the action.
+        goal: returns the goal when it is sent.
         on_end: called once, with the result or an error.
         on_feedback: called with each feedback before the end.
 
@@ -76,7 +77,7 @@ class ActionCall:
         node: NodeAdapter,
         server: RemoteNode,
         client: ActionCaller,
-        goal: Any,
+        goal: Callable[[], Any],
         timeouts: GoalTimeouts,
         *,
         on_end: Callable[[Any, DyKnowError | None], None],
@@ -130,10 +131,7 @@ class ActionCall:
 
     def fail(self, error: DyKnowError) -> None:
         """End with an error, and cancel the goal at the server."""
-        if self._handle is not None and not self._has_ended:
-            self._is_cancelled = True
-            self._cancel()
-        self._end(None, error)
+        self._end(None, error, self._cancel)
 
     def _is_server_ready(self) -> bool:
         return bool(self._server.alive and self._client.server_is_ready())
@@ -157,7 +155,7 @@ class ActionCall:
         self._fail_after(GRACE_S, 'was sent, and', ExitCode.UNAVAILABLE)
         with self._client.sending:
             response = self._client.send_goal_async(
-                self._goal, self._receive_feedback, self._goal_id
+                self._goal(), self._receive_feedback, self._goal_id
             )
         self._await(response, self._on_response)
 
@@ -203,9 +201,8 @@ class ActionCall:
         self._await(answer)
 
     def _on_server_lost(self) -> None:
-        if self._handle is not None:
-            self._server.on_found.append(self._on_server_found)
-        self._end(None, self._server.unavailable('has died'))
+        error = self._server.unavailable('has died')
+        self._end(None, error, lambda: self._server.on_found.append(self._on_server_found))
 
     def _on_server_found(self) -> None:
         """Cancel the goal: if the server was only stopped, it still pursues the goal."""
@@ -227,11 +224,20 @@ class ActionCall:
         if not timeout.cancelled():
             self.fail(error)
 
-    def _end(self, result: Any, error: DyKnowError | None) -> None:
+    def _end(
+        self,
+        result: Any,
+        error: DyKnowError | None,
+        leave: Callable[[], None] = lambda: None,
+    ) -> None:
+        """End once; `leave` ends a goal that the server has accepted."""
         with self._lock:
             if self._has_ended:
                 return
             self._has_ended = True
+        # Not before: the response to a goal that is accepted from now on cancels it.
+        if self._handle is not None:
+            leave()
         self._timeout.cancel()
         if self._on_server_lost in self._server.on_lost:
             self._server.on_lost.remove(self._on_server_lost)

@@ -4,7 +4,7 @@ Example, with a timeout of 60 s (times in seconds):
 
     0    the formula is sent, with the timeout 60
     10   the coordinator answers CONSTRAINT_VIOLATION: the caller is told
-    10.5 the formula is sent again, with the timeout 49.5
+    10.5 the formula is sent again, with the timeout 49.5, less the wait for the coordinator
     30   the coordinator answers FALSE: this is the answer
 """
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable
+from math import inf
 from typing import Any, Final
 
 from rclpy.node import Node
@@ -27,6 +28,9 @@ from dyknow_coordinator.ros.client.action_call import ActionCall
 RETRY_DELAY_S: Final = 0.5
 """Time until a formula is sent again."""
 
+_LEAST_S: Final = 0.001
+"""The shortest timeout that is sent."""
+
 _INTERRUPTIONS: Final = (ExitCode.CONSTRAINT_VIOLATION, ExitCode.UNAVAILABLE)
 """Errors that may pass. NOT_FOUND may, too, but only after one of these."""
 
@@ -37,7 +41,8 @@ class FormulaAttempts:
     Args:
         node: its clock and its timers are used.
         timeout_s: for all attempts.
-        send: sends a goal, given its timeout in seconds and a receiver of its answer.
+        send: sends a goal, given the longest wait for the server, what returns the timeout when it
+            is sent, both in seconds, and a receiver of its answer.
         on_end: receives the last answer, once.
         on_interruption: receives each answer after which the formula is sent again; None: the
             first answer is the last one.
@@ -47,7 +52,7 @@ class FormulaAttempts:
         self,
         node: NodeAdapter,
         timeout_s: float,
-        send: Callable[[float, Callable[[Answer], None]], ActionCall],
+        send: Callable[[float, Callable[[], float], Callable[[Answer], None]], ActionCall],
         on_end: Callable[[Answer], None],
         on_interruption: Callable[[Answer], None] | None,
     ) -> None:
@@ -58,7 +63,7 @@ class FormulaAttempts:
         self._on_interruption = on_interruption
         self._interruption: Answer | None = None
         self._is_waiting = self._is_cancelled = False
-        self.call = send(timeout_s, self._end)
+        self.call = send(inf, lambda: timeout_s, self._end)
 
     def cancel(self) -> None:
         """End the attempts: unless there is an answer already, it is then CANCELLED."""
@@ -72,6 +77,9 @@ class FormulaAttempts:
 
     def _now(self) -> float:
         return float(self._node.wall_clock.now().nanoseconds / SECOND_NS)
+
+    def _remaining(self) -> float:
+        return max(self._end_time - self._now(), _LEAST_S)
 
     def _end(self, answer: Answer) -> None:
         if self._on_interruption is None or self._is_cancelled or not self._may_pass(answer):
@@ -91,10 +99,12 @@ class FormulaAttempts:
         if not self._is_waiting:
             return
         self._is_waiting = False
-        if (remaining := self._end_time - self._now()) > 0:
-            self.call = self._send(remaining, self._end)
-        else:
+        if self._now() >= self._end_time:
             self._on_end(interruption)
+            return
+        self.call = self._send(self._remaining(), self._remaining, self._end)
+        if self._is_cancelled:  # In another thread, meanwhile.
+            self.call.cancel()
 
 
 def answer_of_goal(result: Any, error: DyKnowError | None, *, every_state: bool) -> Answer:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from math import isfinite
+from math import inf
 from numbers import Real
 from types import NoneType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, cast
 
 from dyknow_interfaces.action import MonitorFormula, MonitorPlan
 from dyknow_interfaces.srv import EvaluateFormula
@@ -19,6 +19,7 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from dyknow_common import (
+    MAX_DURATION_NS,
     NO_CONSTRAINTS,
     SECOND_NS,
     BlackBoxOptions,
@@ -59,6 +60,9 @@ from dyknow_coordinator.ros.client.formula_attempts import (
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
 
 COORDINATOR: Final = 'stream_reasoning_coordinator'
+
+MAX_S: Final = MAX_DURATION_NS // SECOND_NS
+"""The longest timeout and wait, which a message of ROS holds."""
 
 DAY_S: Final = 86_400.0
 """Default timeout of a monitored formula."""
@@ -282,15 +286,20 @@ class FormulaClient:
         goal: Any,
         wait: float,
         on_feedback: Callable[[Progress], Any],
-        timeout: float,
+        longest_wait: float,
+        timeout: Callable[[], float],
         on_end: Callable[[Answer], None],
     ) -> ActionCall:
         every_state = goal.every_state
-        goal.timeout = _duration(timeout)
+
+        def timed() -> Any:
+            goal.timeout = _duration(timeout())
+            return goal
+
         return self._goals.send(
             MonitorFormula,
-            goal,
-            GoalTimeouts(wait, timeout),
+            timed,
+            GoalTimeouts(min(wait, longest_wait), timeout()),
             lambda result, error: on_end(answer_of_goal(result, error, every_state=every_state)),
             lambda each: on_feedback(progress_from_message(each, every_state=every_state)),
         )
@@ -331,7 +340,7 @@ class FormulaClient:
         goal.grounding, goal.constraints = int(grounding), constraints_to_message(constraints)
         monitor.call = self._goals.send(
             MonitorPlan,
-            goal,
+            lambda: goal,
             GoalTimeouts(wait, None),
             end,
             lambda feedback: monitor.update(verdict_from_message(feedback.verdict)),
@@ -402,7 +411,7 @@ class CoordinatorGoals:
     def send(
         self,
         action_type: Any,
-        goal: Any,
+        goal: Callable[[], Any],
         timeouts: GoalTimeouts,
         on_end: Callable[[Any, DyKnowError | None], None],
         on_feedback: Callable[[Any], None],
@@ -482,13 +491,20 @@ def check_arguments(**arguments: object) -> None:
 
     Raises:
         TypeError: names the argument of a wrong type.
-        ValueError: names the time that is not finite, or a wait that is negative.
+        ValueError: names the time that is not finite or too long, or a wait that is negative.
     """
     for name, value in arguments.items():
         expected, words = _TYPES[name]
         if not isinstance(value, expected) or (expected is not bool and isinstance(value, bool)):
             raise TypeError(f'{name} must be {words}, not {value!r}')
-        if isinstance(value, Real) and not isfinite(value):
-            raise ValueError(f'{name} must be a finite number of seconds, not {value!r}')
-        if name == 'wait' and isinstance(value, Real) and value < 0:
-            raise ValueError(f'wait must not be negative, but it is {value!r}')
+        if isinstance(value, Real):
+            _check_seconds(name, cast('float', value))
+
+
+def _check_seconds(name: str, value: float) -> None:
+    if not abs(value) < inf:
+        raise ValueError(f'{name} must be a finite number of seconds, not {value!r}')
+    if value > MAX_S:
+        raise ValueError(f'{name} must be at most {MAX_S} s (68 years), not {value!r}')
+    if name == 'wait' and value < 0:
+        raise ValueError(f'wait must not be negative, but it is {value!r}')
