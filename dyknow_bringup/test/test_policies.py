@@ -189,7 +189,7 @@ def test_topics_of_frames_actions_and_sinks() -> None:
 
 @pytest.mark.parametrize('name', ['/*', 'a b', '/a[0-9]', 'a/?', '/a//b', '<a>', 'ü'])
 def test_a_name_does_not_permit_others(name: str) -> None:
-    for field in ('namespace', 'topics', 'engines', 'clients', 'outputs'):
+    for field in ('namespace', 'topics', 'engines', 'clients', 'outputs', 'snapshots'):
         value = name if field == 'namespace' else [name]
         with pytest.raises(BringupError, match=f"'{re.escape(name)}' is no name"):
             SecuredSystem(**{field: value})  # type: ignore[arg-type]
@@ -234,6 +234,12 @@ def test_the_recorder_reads_what_the_engines_read(*, has_peers: bool) -> None:
     for name in 'stream_processing_engine', 'black_box_recorder':
         read = permitted(found[f'/robot1/{name}'], 'subscribe')
         assert ('/odom' in read, remote in read) == (True, has_peers), name
+
+
+def test_the_recorder_calls_its_snapshot_service() -> None:
+    system = SecuredSystem('robot1', snapshots=('rosbag2_recorder/snapshot',))
+    recorder = enclaves(policy_text(system.enclaves(), ''))['/robot1/black_box_recorder']
+    assert '/robot1/rosbag2_recorder/snapshot' in permitted(recorder, 'request')
 
 
 @pytest.mark.parametrize('kind', ACTION_KEYS)

@@ -213,12 +213,15 @@ def engine_interfaces(
     )
 
 
-def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> Interfaces:
+def recorder_interfaces(
+    topics: Collection[str], engines: Collection[str], snapshots: Collection[str]
+) -> Interfaces:
     """Return the interfaces of the recorder of black boxes, which reads topics of any kind.
 
     Args:
         topics: that streams are made from, or that formulas record.
         engines: the absolute names of the engines.
+        snapshots: the services of recorders of rosbag2 that it calls.
     """
     return DYKNOW_NODE | Interfaces(
         publishes=frozenset({'~/black_boxes', '/diagnostics'}),
@@ -227,7 +230,7 @@ def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> In
         | frozenset(map(streams_of, engines))
         | {f'{COORDINATOR}/evaluations', f'{COORDINATOR}/verdicts/*', 'stream_manager/streams'},
         serves=frozenset(f'~/{service}' for service in RECORDER_SERVICES),
-        requests=frozenset({'ontology_manager/concept_get_instances'}),
+        requests=frozenset({'ontology_manager/concept_get_instances', *snapshots}),
     )
 
 

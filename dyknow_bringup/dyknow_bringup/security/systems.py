@@ -134,6 +134,7 @@ class SecuredSystem:
         triggers: that the monitors of formulas run.
         has_peers: True if the host is part of a federation.
         positions: the topics of positions that the live page draws on maps, likewise.
+        snapshots: the services that the recorder of black boxes calls, likewise.
 
     Raises:
         BringupError: for what is no name: in a policy, `*` would permit any.
@@ -148,6 +149,7 @@ class SecuredSystem:
     triggers: tuple[Trigger, ...] = ()
     has_peers: bool = False
     positions: frozenset[str] = frozenset()
+    snapshots: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -158,6 +160,7 @@ class SecuredSystem:
             *self.engines,
             *self.clients,
             *self.outputs,
+            *self.snapshots,
             *targets,
         )
         for name in (self.namespace, *given):
@@ -187,7 +190,7 @@ class SecuredSystem:
             ),
             *federation,
             *(self.node(name, used) for name, used in node_interfaces(engines).items()),
-            self.node(RECORDER, recorder_interfaces(topics, engines)),
+            self.node(RECORDER, recorder_interfaces(topics, engines, self.snapshots)),
             self.node('dyknow_up', start),
             self._enclave('dyknow_client', commands),
             self.node(FORMULA_MONITOR, DYKNOW_NODE | monitor),

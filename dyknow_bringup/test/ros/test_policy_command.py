@@ -26,13 +26,14 @@ def test_the_policy_of_a_system_is_printed(
     streams.write_text('stream a = select x from "odom"; sink a', encoding='utf-8')
     chosen = parsed(
         '--namespace', 'robot1', '--streams', str(streams), '--topic', '/map',
-        '--engine', 'e1', 'e2', '--client', 'pilot',
+        '--engine', 'e1', 'e2', '--client', 'pilot', '--snapshot-service', '/bag/snapshot',
     )  # fmt: skip
     assert chosen.command(chosen) == 0
     printed = capsys.readouterr().out
     system = SecuredSystem('robot1', frozenset({'odom', '/map'}), ('e1', 'e2'), ('pilot',))
     for enclave in system.enclaves():
         assert printed.count(f'<enclave path="{enclave.path}">') == 1
+    assert printed.count('<service>/bag/snapshot</service>') == 1
     for topic in ('/robot1/odom', '/map'):
         # The recorder of black boxes reads them, too.
         assert printed.count(f'<topic>{topic}</topic>') == len(system.engines) + 1
