@@ -45,8 +45,8 @@ WRONG = (
     'formula_without_name', 'share_unknown_key',
     'guard_without_input', 'list_for_message', 'no_action', 'no_field', 'no_list_of_objects',
     'no_mapping', 'no_type_of_message', 'number_for_object', 'number_in_command',
-    'nothing_in_message', 'parameter_of_no_type', 'record_of_number', 'record_unknown_key', 'record_without_unit',
-    'topic_and_stream', 'two_actions', 'unknown_action',
+    'nothing_in_message', 'parameter_of_no_type', 'record_of_number', 'record_unknown_key',
+    'record_without_unit', 'topic_and_stream', 'two_actions', 'unknown_action',
     'unknown_feature_key', 'unknown_guard_key', 'unknown_key', 'unknown_node', 'unknown_severity',
     'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
 )  # fmt: skip
