@@ -547,3 +547,23 @@ def test_texts_that_lack_quotes_get_them(
     path.write_text(both)
     assert lint(capsys, '--fix', path)[0] == 2
     assert path.read_text() == both
+
+
+def test_a_fault_of_a_stream_for_each_object_is_shown_where_it_is_defined(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'objects: {A: [a1, a2]}\n'
+        'streams:\n'
+        """- 'stream ok = select x from "/t"; sink ok'\n"""
+        '- for: {a: A}\n'
+        '  text: |\n'
+        '    stream s_{a} = select x from "/odom_{a}";\n'
+        '    stream t_{a} = mean(s_{a});\n'
+        '    sink t_{a};\n'
+    )
+    code, shown = lint(capsys, path)
+    assert code == 1
+    for name in ('a1', 'a2'):
+        assert f"{path}:7:5: error: stream 't_{name}': computational unit 'mean'" in shown

@@ -19,6 +19,7 @@ from naive_geometry import (
 from dyknow_space import (
     MAX_VERTICES,
     MovingDistance,
+    Region,
     RegionDistances,
     SightDistance,
     SpaceError,
@@ -26,6 +27,7 @@ from dyknow_space import (
     geometry_of,
     parse_region,
 )
+from dyknow_space.regions.library import shapely
 
 GRID = st.integers(-8, 8).map(lambda number: number / 2)
 COORDINATES = st.one_of(GRID, st.floats(-5, 5, allow_nan=False))
@@ -197,6 +199,22 @@ def test_texts_of_regions_are_read_back() -> None:
     text = 'POLYGON ((0.1 0, 1.2345678901234567 0, 1 1e-7, 0.1 0)); frame map; altitude 0.0 2.5'
     assert parse_region('a', f'{text}; times None 17').text == f'{text}; times None 17'
     assert parse_region('a', text).text == text
+
+
+@given(
+    st.floats(-1e6, 1e6) | st.floats(-1e-15, 1e-15),
+    st.lists(st.floats(0.1, 1), min_size=1, max_size=3),
+)
+def test_no_digit_of_a_region_is_lost(corner: float, sizes: list[float]) -> None:
+    library = shapely()
+    parts = [
+        library.box(x, corner, x + 2, corner + 2)
+        - library.box(x + 0.5, corner + 0.5, x + 0.5 + size, corner + 0.5 + size / 3)
+        for x, size in ((corner + 3 * number, size) for number, size in enumerate(sizes))
+    ]
+    for geometry in (*parts, library.MultiPolygon(parts)):
+        text = Region('a', (), '', geometry).text
+        assert library.equals_exact(geometry_of(text), geometry, 0)
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,7 @@ _NAMED = re.compile(
 )
 
 _MISSPELT = re.compile(r"'(\w+)'; did you mean '(\w+)'\?")
+_DEFINED = re.compile(r'\b(?:stream|sink)\s+((?:\w|\{[^{}\n]*\})+)')
 _UNCERTAINTIES = 'SELECT ?text { ?feature <http://www.dyknow.org/ontology#uncertainty> ?text }'
 
 _SIMILARITY = 0.8
@@ -355,12 +356,14 @@ def stream_findings(inputs: LintInputs, contents: Contents) -> Iterator[Finding]
 
 
 def _stream_place(inputs: LintInputs, source: TextSource, name: str) -> FilePlace:
-    """Return where a text defines a stream, or where it begins."""
+    """Return where a text, or a template for objects, defines a stream; or where it begins."""
     place = inputs.place_of(source)
-    found = re.search(rf'\b(stream|sink)\s+{re.escape(name)}\b', place.text)
-    return (
-        place if found is None else replace(place, position=position_at(place.text, found.start()))
-    )
+    # Names without placeholders first.
+    for found in sorted(_DEFINED.finditer(place.text), key=lambda each: '{' in each[1]):
+        pattern = r'\w+'.join(map(re.escape, re.split(r'\{[^{}]*\}', found[1])))
+        if re.fullmatch(pattern, name):
+            return replace(place, position=position_at(place.text, found.start()))
+    return place
 
 
 def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:

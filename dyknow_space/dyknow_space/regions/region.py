@@ -8,6 +8,7 @@ A region is closed: its boundary is inside. Distances are in metres, negative in
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -88,8 +89,7 @@ class Region:
     @property
     def text(self) -> str:
         """The region but for its name and sorts, for `parse_region`."""
-        wkt = shapely().to_wkt(self.geometry, rounding_precision=-1)
-        parts = [str(wkt)]
+        parts = [_wkt(self.geometry)]
         if self.frame:
             parts.append(f'frame {self.frame}')
         if self.altitude != ALL_HEIGHTS:
@@ -126,6 +126,25 @@ def parse_region(name: str, text: str) -> Region:
         )
     except SpaceError as error:
         raise SpaceError(f"region '{name}': {error.message}", error.code) from None
+
+
+def _wkt(geometry: Any) -> str:
+    """Return a well-known text that is read back exactly; GEOS writes 16 decimals at most."""
+    polygons = [
+        f'({", ".join(map(_ring, (each.exterior, *each.interiors)))})'
+        for each in getattr(geometry, 'geoms', (geometry,))
+    ]
+    is_one = geometry.geom_type == 'Polygon'
+    return f'POLYGON {polygons[0]}' if is_one else f'MULTIPOLYGON ({", ".join(polygons)})'
+
+
+def _ring(ring: Any) -> str:
+    points = (' '.join(map(_coordinate, point)) for point in ring.coords)
+    return f'({", ".join(points)})'
+
+
+def _coordinate(number: float) -> str:
+    return re.sub(r'e([+-])0', r'e\1', repr(number).removesuffix('.0'))
 
 
 def settings_of(parts: Iterable[str]) -> dict[str, str]:
