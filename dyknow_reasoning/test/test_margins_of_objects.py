@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import accumulate
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import pytest
@@ -25,6 +25,8 @@ from dyknow_reasoning.margins import building
 OBJECTS = ('a', 'b', 'c')
 
 values = st.integers(-3, 3).map(float)
+odd_numbers = st.sampled_from([inf, -inf, 1 << 53, (1 << 60) + 1])
+numbers = st.one_of(values, st.integers(-3, 3), odd_numbers)
 leaves = st.builds(
     Comparison,
     st.sampled_from(sorted(COMPARISONS)),
@@ -57,7 +59,7 @@ nested = st.builds(
     formulas(2, st.one_of(leaves, pairs)),
 )
 names = ('z', *(f'{feature}[{name}]' for feature in 'xy' for name in OBJECTS))
-states = st.fixed_dictionaries(dict.fromkeys(names, values))
+states = st.fixed_dictionaries(dict.fromkeys(names, numbers))
 traces = st.lists(st.tuples(st.integers(1, 3), states), min_size=1, max_size=10)
 
 

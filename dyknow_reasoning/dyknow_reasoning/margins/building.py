@@ -40,7 +40,7 @@ from dyknow_reasoning.language.terms import Feature, FieldReference, Truth, Vari
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.language.writing import as_written
-from dyknow_reasoning.margins.comparisons import AtomMargins, StateReader
+from dyknow_reasoning.margins.comparisons import AtomMargins, SignedAtom, StateReader, limit_of
 from dyknow_reasoning.margins.operators import (
     ExtremumMargin,
     JunctionMargin,
@@ -48,6 +48,7 @@ from dyknow_reasoning.margins.operators import (
     ObjectsMargin,
     PairMargin,
     PreviousMargin,
+    Reader,
     StateMargin,
     TemporalMargin,
     UntilMargin,
@@ -164,7 +165,9 @@ class MarginBuilder:
         self._links = links
         self._known_links: dict[tuple[GroundLinks, ...], int] = {}
         self._numbers: dict[str, int] = {}
-        self._known_signals: dict[tuple[bool, tuple[int, ...]], int] = {}
+        self._readers: dict[tuple[bool, tuple[int, ...]], Reader] = {}
+        # Atoms of many objects that are read together, as the last signal.
+        self._limits: list[SignedAtom] = []
 
     def build(self, formula: Formula, *, every_state: bool) -> MarginOperator:
         """Return the operator of a formula.
@@ -178,7 +181,10 @@ class MarginBuilder:
                 is too large.
         """
         check_margin(formula)
-        return self._built(formula, _Context([{}], positive=True, first=not every_state))
+        operator = self._built(formula, _Context([{}], positive=True, first=not every_state))
+        if self._limits:
+            self.signals.append(AtomMargins(self._limits, self._kinds))
+        return operator
 
     def _built(  # noqa: PLR0911 - one for each kind
         self, formula: Formula, context: _Context
@@ -188,8 +194,7 @@ class MarginBuilder:
             case Truth(value):
                 return self._constant(context, holds=value is context.positive)
             case Feature() | FieldReference() | Comparison():
-                signal = self._signal(formula, context)
-                return self._counted(StateMargin(itemgetter(signal), context.width))
+                return self._counted(StateMargin(self._reader(formula, context), context.width))
             case Not(body):
                 return self._built(body, context.signed(False))
             case Always() | Eventually() | Until() | Historically() | Once() | Since():
@@ -355,15 +360,22 @@ class MarginBuilder:
             )
         return operator
 
-    def _signal(self, atom: StateAtom, context: _Context) -> int:
-        """Return the number of the margins of an atom for some objects, or of its negation."""
+    def _reader(self, atom: StateAtom, context: _Context) -> Reader:
+        """Return the reader of the margins of an atom for some objects, or of its negation."""
         atoms = [ground(atom, binding, self._domains) for binding in context.bindings]
         numbers = tuple(map(self._number, atoms))
         key = context.positive, numbers
-        if key not in self._known_signals:
-            self._known_signals[key] = len(self.signals)
-            self.signals.append(AtomMargins(atoms, numbers, self._kinds, positive=context.positive))
-        return self._known_signals[key]
+        if key not in self._readers:
+            pairs = zip(atoms, numbers, strict=True)
+            signed = [SignedAtom(*each, context.positive) for each in pairs]
+            if context.width > 1 and all(map(limit_of, signed)):
+                part = slice(len(self._limits), len(self._limits) + context.width)
+                self._readers[key] = lambda signals: signals[-1][part]
+                self._limits += signed
+            else:
+                self._readers[key] = itemgetter(len(self.signals))
+                self.signals.append(AtomMargins(signed, self._kinds))
+        return self._readers[key]
 
     def _number(self, atom: StateAtom) -> int:
         """Return the number of an atom without variables."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from itertools import product
 from math import inf, isfinite, isnan
 from operator import itemgetter
+from struct import Struct
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -66,33 +67,38 @@ class StateReader(Protocol):
         """
 
 
-class AtomMargins:
-    """The margins of an atom, or of its negation, for some objects.
+class SignedAtom(NamedTuple):
+    """An atom without variables, or its negation.
 
     Args:
-        atoms: the atom for each object, without variables.
-        numbers: the numbers of the atoms, which are returned with their margins.
+        atom: the atom.
+        number: its number, which is returned with its margin.
+        positive: False for the negation.
+    """
+
+    atom: Atom
+    number: int
+    positive: bool
+
+
+class AtomMargins:
+    """The margins of some atoms.
+
+    Args:
+        atoms: the atoms.
         kinds: the kinds of features, from `check_types`.
-        positive: False for the margins of the negation.
 
     Attributes:
-        read: returns the margin at a state.
+        read: returns the margin at a state, of several atoms as an array.
         limits: what each atom compares, if it is of the commonest form.
         numbers: the numbers of the atoms.
     """
 
-    def __init__(
-        self, atoms: Sequence[Atom], numbers: Sequence[int], kinds: Kinds, *, positive: bool
-    ) -> None:
-        limits = [_limit(each, positive=positive) for each in atoms]
-        readers = [
-            _reader(atom, kinds, number, positive=positive)
-            for atom, number in zip(atoms, numbers, strict=True)
-        ]
-        self.limits = limits
-        self._readers = readers
-        self._bounded = [_bounded(atom, kinds, positive=positive) for atom in atoms]
-        self.numbers = numbers
+    def __init__(self, atoms: Sequence[SignedAtom], kinds: Kinds) -> None:
+        self.limits = limits = [limit_of(each) for each in atoms]
+        self.numbers = numbers = [each.number for each in atoms]
+        self._readers = readers = [_reader(each, kinds) for each in atoms]
+        self._bounded = [_bounded(each, kinds) for each in atoms]
         self.read = readers[0] if len(readers) == 1 else _array_reader(readers, limits, numbers)
 
     def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
@@ -136,10 +142,9 @@ def signals_reader(signals: Sequence[StateReader]) -> Callable[[Values], Sequenc
     return generated_reader(variables, unusual, f'[{", ".join(margins)}]', names, careful)
 
 
-def _bounded(
-    atom: Atom, kinds: Kinds, *, positive: bool
-) -> Callable[[Values, RangeOf], tuple[float, float]]:
+def _bounded(signed: SignedAtom, kinds: Kinds) -> Callable[[Values, RangeOf], tuple[float, float]]:
     """Return the bounds of the margin of an atom for all that unknown values may be."""
+    atom, _, positive = signed
 
     def read(values: Values, range_of: RangeOf) -> tuple[float, float]:
         if not isinstance(atom, Comparison) or atom.operator not in _DISTANCES:
@@ -172,8 +177,9 @@ class _Limit(NamedTuple):
     is_above: bool
 
 
-def _limit(atom: Atom, *, positive: bool) -> _Limit | None:
-    """Return what an atom or its negation compares; None if it is of another form."""
+def limit_of(signed: SignedAtom) -> _Limit | None:
+    """Return what an atom compares; None if it is of another form."""
+    atom, _, positive = signed
     if (
         isinstance(atom, Comparison)
         and isinstance(atom.left, Feature | FieldReference)
@@ -186,8 +192,9 @@ def _limit(atom: Atom, *, positive: bool) -> _Limit | None:
     return None
 
 
-def _reader(atom: Atom, kinds: Kinds, number: int, *, positive: bool) -> MarginReader:
-    """Return the margin of an atom, or of its negation."""
+def _reader(signed: SignedAtom, kinds: Kinds) -> MarginReader:
+    """Return the margin of an atom."""
+    atom, number, positive = signed
     if not isinstance(atom, Comparison) or atom.operator in TEXT_COMPARISONS:
         return _truth(atom, kinds, positive=positive)
     operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
@@ -210,7 +217,7 @@ def _false_without_past(margin: MarginReader, *, positive: bool) -> MarginReader
 def _array_reader(
     readers: Sequence[MarginReader], limits: Sequence[_Limit | None], numbers: Sequence[int]
 ) -> MarginReader:
-    """Return the margins of the atoms of many objects, at once if all values are floats."""
+    """Return the margins of several atoms, at once if all values are numbers."""
 
     def slow(values: Values) -> Any:
         return vector([read(values) for read in readers])
@@ -218,7 +225,10 @@ def _array_reader(
     known = [each for each in limits if each is not None]
     if len(known) < len(limits):
         return slow
-    choose = itemgetter(*(each.field for each in known))
+    fields = {name: place for place, name in enumerate(dict.fromkeys(e.field for e in known))}
+    choose = itemgetter(*fields, known[0].field)  # At least two, for a tuple.
+    pack = Struct(f'{len(fields) + 1}d').pack
+    places = np.array([fields[each.field] for each in known])
     bounds = np.array([each.number for each in known], float)
     signs = np.array([1.0 if each.is_above else -1.0 for each in known])
     template = vector([(0.0, number) for number in numbers])
@@ -228,13 +238,14 @@ def _array_reader(
             row = choose(values)
         except KeyError:
             return slow(values)
-        if set(map(type, row)) != {float}:
-            return slow(values)
-        margins = np.subtract(row, bounds) * signs
-        if np.isnan(margins).any():
+        types = set(map(type, row))
+        is_exact = types == {float} or (
+            types <= {float, int} and max(map(abs, row)) <= _EXACT_LIMIT
+        )
+        if not is_exact or isnan(sum(row)):
             return slow(values)
         found = template.copy()
-        found.real = margins
+        found.real = (np.frombuffer(pack(*row))[places] - bounds) * signs
         return found
 
     return read

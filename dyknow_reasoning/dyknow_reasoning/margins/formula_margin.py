@@ -243,11 +243,8 @@ class FormulaMargin(BoundedMargins):
             self._stable_until = inf
             return
         # The bounds never become less strict.
-        before, floor, ceiling = (
-            self._latest_margin,
-            MarginThreshold(lower, LOWEST),
-            MarginThreshold(upper, HIGHEST),
-        )
+        before = self._latest_margin
+        floor, ceiling = MarginThreshold(lower, LOWEST), MarginThreshold(upper, HIGHEST)
         lower = max([lower, *below.operator.open_margins(floor)[:1]])
         upper = min([upper, *above.operator.open_margins(ceiling)[:1]])
         if self._margin(lower, upper) is before:

@@ -27,11 +27,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat, zip_longest
 from math import inf
-from operator import ge, itemgetter, le
+from operator import itemgetter
 from typing import Any, TypeAlias, cast
 
 from dyknow_reasoning.margins.robustness import (
-    HIGHEST,
     MarginThreshold,
     Robustness,
     at_least,
@@ -149,12 +148,7 @@ class StateMargin(MarginOperator):
 
     def stable_until(self, threshold: MarginThreshold) -> float:
         """Return that it depends on the margins at later states alone."""
-        read, limit = self.read, threshold.limit
-        if self.width > 1:
-            threshold.guards.append(lambda signals: threshold.reached_by(read(signals)))
-        else:
-            is_reached = ge if threshold.unknown is HIGHEST else le
-            threshold.guards.append(lambda signals: is_reached(read(signals), limit))
+        threshold.guards.append(lambda signals: threshold.reached_by(self.read(signals)))
         return inf
 
 
@@ -196,9 +190,6 @@ class JunctionMargin(MarginOperator):
         members = []
         for member, queue in zip(self.parts, self._queues, strict=True):
             found = member.open_margins(threshold)
-            if self._decisive == threshold.unknown and not found and not queue:
-                # One unknown margin decides.
-                return ()
             members.append(chain(queue, found))
         fill = self.parts[0].unknown_margin(threshold.unknown)
         known = self._decisive == threshold.unknown
@@ -269,8 +260,9 @@ class ObjectsMargin(MarginOperator):
         return self.parts[0].stable_until(threshold)
 
     def _join(self, margins: Any) -> Any:
-        found = self._choose(margins.reshape(self._shape).T)
-        return scalar(found[0]) if self.width == 1 else found
+        if self.width == 1:
+            return scalar(self._choose(margins))
+        return self._choose(margins.reshape(self._shape).T)
 
 
 class PreviousMargin(MarginOperator):
@@ -449,8 +441,6 @@ class ExtremumMargin(TemporalMargin):
         inner, known = self.body.open_margins(threshold), window.margin(cast('int', states[0]))
         if not self._waiting and threshold.reached_by_all([known, *inner]):
             return ()
-        if len(states) == 1 and not inner and not self._waiting:
-            return (known,)
         return self._margins(inner, threshold.unknown)
 
     def stable_until(self, threshold: MarginThreshold) -> float:

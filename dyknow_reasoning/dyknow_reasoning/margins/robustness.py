@@ -29,7 +29,6 @@ class Extremum:
     """Choice of the least or of the greatest margin.
 
     Attributes:
-        universal: True if the least margin counts.
         better: returns the margin of two that counts.
         worse: returns the other one.
         is_worse: returns True if the first margin of two for one object is the worse one.
@@ -37,7 +36,6 @@ class Extremum:
         decisive: the margin that decides, whatever the other ones are.
     """
 
-    universal: bool
     better: Callable[[Any, Any], Any]
     worse: Callable[[Any, Any], Any]
     is_worse: Callable[[Robustness, Robustness], bool]
@@ -54,8 +52,8 @@ def extremum(*, universal: bool, width: int = 1) -> Extremum:
     """
     least, greatest = (min, max) if width == 1 else (np.minimum, np.maximum)
     if universal:
-        return Extremum(universal, least, greatest, gt, of_all(HIGHEST, width), LOWEST)
-    return Extremum(universal, greatest, least, lt, of_all(LOWEST, width), HIGHEST)
+        return Extremum(least, greatest, gt, of_all(HIGHEST, width), LOWEST)
+    return Extremum(greatest, least, lt, of_all(LOWEST, width), HIGHEST)
 
 
 def of_all(margin: Robustness, width: int) -> Any:
@@ -123,6 +121,9 @@ def at_least(number: int, count: int, width: int) -> Callable[[Any], Any]:
         count: the number of margins, not less; these are given as one sequence.
         width: the number of objects of each margin.
     """
+    if width > 1 and count == 2:  # noqa: PLR2004 - faster than to reduce them
+        choose = np.maximum if number == 1 else np.minimum
+        return lambda margins: choose(*margins)
     if number in {1, count}:
         least, greatest = (min, max) if width == 1 else (np.minimum.reduce, np.maximum.reduce)
         return greatest if number == 1 else least

@@ -143,12 +143,9 @@ class ExtremumWindow(MarginWindow):
         if last < state + self.start:
             return
         kept = self._kept
-        if self.order.universal:
-            while kept and kept[-1][2] >= margin:
-                kept.pop()
-        else:
-            while kept and kept[-1][2] <= margin:
-                kept.pop()
+        is_worse = self.order.is_worse
+        while kept and not is_worse(margin, kept[-1][2]):
+            kept.pop()
         if self._is_sliding or not kept:
             kept.append(step)
 
@@ -303,19 +300,12 @@ class SinceWindow(PairWindow):
 
 def _until(order: Extremum) -> Callable[[Pair, Pair], Pair]:
     """Return the product of an earlier and a later pair."""
-    better, worse, is_worse = order.better, order.worse, order.is_worse
+    better, worse = order.better, order.worse
 
-    def of_many(earlier: Pair, later: Pair) -> Pair:
+    def product(earlier: Pair, later: Pair) -> Pair:
         return worse(earlier[0], later[0]), better(earlier[1], worse(earlier[0], later[1]))
 
-    def of_one(earlier: Pair, later: Pair) -> Pair:
-        # Comparisons are much faster than calls of `min` and `max`.
-        (left, right), (next_left, next_right) = earlier, later
-        reached = left if is_worse(left, next_right) else next_right
-        both = left if is_worse(left, next_left) else next_left
-        return both, reached if is_worse(right, reached) else right
-
-    return of_one if isinstance(order.neutral, tuple) else of_many
+    return product
 
 
 def _since(order: Extremum) -> Callable[[Pair, Pair], Pair]:
