@@ -56,8 +56,6 @@ _KINDS: Mapping[str, tuple[Kind | None, ...]] = {
 }
 _WIDE: Mapping[str, type] = {'i': int, 'f': float}
 _MAX_INT = (1 << 63) - 1
-# Faster operands than numbers of Python.
-_SLOTS = [np.array(slot, np.uint8) for slot in range(8)]
 
 
 class UnreadableError(Exception):
@@ -236,7 +234,7 @@ def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
         bit = holds().view(np.uint8)
         if integer is not np.uint8:
             bit = bit.astype(integer)
-        shifted = np.left_shift(bit, _SLOTS[slot] if slot < len(_SLOTS) else slot) if slot else bit
+        shifted = bit << slot if slot else bit
         found = shifted if found is None else found | shifted
     assert found is not None  # noqa: S101 - there is an atom
     return found
