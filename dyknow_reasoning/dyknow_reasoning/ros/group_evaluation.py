@@ -461,8 +461,9 @@ class GroupEvaluation:
     def _progress(self, state: State) -> None:
         self._states += 1
         for formula_id, since in self.group.waiting.items():
-            is_next = self._line.stream not in self._had_kept.get(formula_id, [self._line.stream])
-            if is_next or since - state.valid_time > OTHER_CLOCK_NS:
+            had_kept = self._had_kept.get(formula_id)
+            is_later = had_kept is not None and self._line.stream not in had_kept
+            if is_later or since - state.valid_time > OTHER_CLOCK_NS:
                 # States of another clock, as of a replayed recording, have no order with it.
                 self.group.waiting[formula_id] = state.valid_time
             elif state.valid_time < since:
