@@ -8,9 +8,9 @@ without its assumption that both directions take the same time):
 
 The offset was at most 12.003 - 10.000 = 2.003 s when the probe arrived, and at least
 12.004 - 10.008 = 1.996 s when the reply was sent. Two clocks drift apart by at most `max_drift`, so
-a bound of another time is wider by the drift since. The offset lies within the bounds of all
-exchanges, so the ones with the least delay count, and one exchange after an outage narrows what
-was known before it. Bounds that exclude each other prove that a clock has jumped.
+a bound grows wider with time, by the drift since the exchange. The offset lies within the bounds of
+all exchanges, so exchanges with little delay count most, and one exchange after an outage narrows
+the earlier bounds. Bounds that exclude each other prove that a clock has jumped.
 """
 
 from __future__ import annotations
@@ -128,9 +128,9 @@ class PairClock:
         return Offset(bounds.least + half, half)
 
     def own_time(self, time: int) -> OwnTime:
-        """Return the own time of a time of the other clock, whose offset must be known.
+        """Convert a time of the other clock, whose offset must be known, to the own clock.
 
-        It may be before `since`: then it is no time of the clock as it has been measured.
+        The result may be before `since`: then the clock has not been measured at that time.
         """
         # The offset at the own time is needed to find the own time: it is taken at a guess, and
         # the bounds allow for the drift between the guess and all that is possible.

@@ -46,7 +46,7 @@ _COMPRESSES: Final = 256
 """The number of bytes from which a packet is compressed."""
 
 _MORE: Final = 0x80
-"""In a byte of an integer: others follow."""
+"""This bit in a byte of an integer says that more bytes follow."""
 
 _MAX_INTEGER: Final = 2**63
 _LONGEST: Final = 70
@@ -61,7 +61,7 @@ _hints = cache(partial(get_type_hints, include_extras=True))
 
 
 def encode_all(packet: Packet) -> Iterator[bytes]:
-    """Yield the bytes of a packet, or of several ones that have room for its messages.
+    """Yield the bytes of a packet; split it into several packets if its messages need more room.
 
     Raises:
         FederationError: if one of its messages is too large.

@@ -49,15 +49,15 @@ class ValueKnown(PeerEvent):
 class StreamViolated(PeerEvent):
     """A violation of a stream, after all values that are known.
 
-    Its host has noticed it, or refuses the request, or the times of samples are too uncertain, or
-    samples between the last one that arrived and the next one cannot be had any more.
+    The host of the stream has noticed it, or refuses the request, or the times of samples are too
+    uncertain, or samples after the last one that arrived are lost for good.
     """
 
     stream: str
     constraint: str
     reason: str
     valid_time: int | None = None
-    """From which on samples are in doubt; None: from the latest one."""
+    """The valid time from which samples are in doubt; None: from the latest sample on."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ A peer says what it knows, and which of its streams carry which features of it:
     carrier1: the object carrier1 of the sort Robot
               the stream Charge_carrier1 with Charge[carrier1]
 
-Here, that stream is a topic, and the object one like any other. A name that another peer or this
-host uses, too, may mean something else there, so all but the own one are qualified by the name of
-the peer, unless the object is said to be the same one:
+Here, that stream is a topic, and the object is like any other. A name that another peer or this
+host uses, too, may mean something else there. So the names of peers are qualified by the name of
+the peer, unless the object is declared to be the same:
 
     stream "/dyknow/federation/carrier1/Charge_carrier1" contains Charge[carrier1] = value;
     stream "/dyknow/federation/carrier2/Charge_part"     contains Charge[carrier2_part] = value;
@@ -77,7 +77,7 @@ def imports(
         own: the objects that this host knows without its peers.
         same: the objects whose name means the same everywhere.
         topic: returns the topic of a stream, given the names of its peer and of the stream.
-        former: the objects of peers so far: one that is qualified remains so, as formulas name it.
+        former: the objects of peers so far; qualified names stay qualified, as formulas use them.
     """
     uses = Counter(each.name for given in shares.values() for each in given.objects)
     several = {name for name, number in uses.items() if number > 1 or name in own} - {*same}

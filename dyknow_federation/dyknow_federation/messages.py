@@ -51,11 +51,11 @@ class SharedFeature:
 
     Args:
         name: the feature in the ontology.
-        objects: that it is about.
+        objects: the objects that the feature is about.
         stream: the stream that carries it; requests name it.
-        value_type: of its values, in the stream language.
-        unit: of its values; empty for none.
-        deadband: by how much its values may differ from the last sample that was sent.
+        value_type: the type of its values, in the stream language.
+        unit: the unit of its values; empty for none.
+        deadband: how much its values may differ from the last sample that was sent.
     """
 
     name: str
@@ -89,9 +89,9 @@ class Request:
         stream: the name of the stream.
         epoch: the epoch of the numbers below; 0 if no sample has been received yet.
         number: all samples before this number have been received, or are lost.
-        missing: the first and the last number of each range that is missing after it.
-        constants: in ascending order, with which values are compared. A sample is sent only if one
-            of these comparisons has changed; all are sent without constants.
+        missing: the first and the last number of each missing range after `number`.
+        constants: the numbers that values are compared with, ascending. A sample is sent only if a
+            comparison has changed; without constants, all samples are sent.
     """
 
     stream: str
@@ -135,9 +135,9 @@ class FormulaRequest:
     the verdict, and ends with its release.
 
     Args:
-        stream: of the verdict: a name that begins with an underscore, which no shared one does.
-        formula: over the names of streams, `always Charge_r1.value > 0.2`.
-        sample_period: of its states, in nanoseconds; 0: every change is a state.
+        stream: the stream of the verdict; only such names begin with an underscore.
+        formula: the formula over the names of streams, `always Charge_r1.value > 0.2`.
+        sample_period: the period of its states, in nanoseconds; 0: every change is a state.
     """
 
     stream: str
@@ -160,11 +160,11 @@ class FormulaReply:
 
 @dataclass(frozen=True, slots=True)
 class FormulaWait:
-    """Why a formula has no state that a peer evaluates; until its verdict is told again.
+    """The reason why a formula that a peer evaluates has no state; valid until the next verdict.
 
     Args:
-        stream: of the verdict.
-        reason: for users.
+        stream: the stream of the verdict.
+        reason: the reason, for users.
     """
 
     stream: str
@@ -177,9 +177,9 @@ class Grant:
 
     Args:
         stream: its name.
-        epoch: of the numbers from now on; numbers of different epochs have nothing to do with each
-            other. No other stream of this run of the peer has it.
-        constants: those of the request.
+        epoch: the epoch of the numbers from now on; numbers of different epochs are unrelated. No
+            other stream of this run of the peer has this epoch.
+        constants: the constants of the request.
     """
 
     stream: str
@@ -192,7 +192,7 @@ class StreamFault:
     """A violation of a stream, as its host has noticed it.
 
     Args:
-        valid_time: from which on samples are in doubt.
+        valid_time: the valid time from which samples are in doubt.
         constraint: its kind, such as `max_gap`.
         reason: the description for users.
     """
@@ -221,10 +221,10 @@ class Samples:
     """Samples of a stream, and its violations, with consecutive numbers.
 
     Args:
-        epoch: of the numbers, which tells the stream: see `Grant`.
-        first: the number of the first one.
-        valid_times: of each one, in the clock of the sender; those of samples increase strictly.
-        contents: of each one.
+        epoch: the epoch of the numbers, which identifies the stream: see `Grant`.
+        first: the number of the first sample or violation.
+        valid_times: a time for each, in the clock of the sender; samples increase strictly.
+        contents: the content of each.
     """
 
     epoch: int

@@ -1,6 +1,6 @@
 """The streams that this host offers to its peers: one for each ground feature that it shares.
 
-The streams come from semantic matching, as those of formulas do. For the shared feature `Charge`,
+Semantic matching finds the streams, as it does for formulas. For the shared feature `Charge`,
 
     stream s = select percentage as "Charge[carrier1]" from "/carrier1/battery" with max_gap = 1 s;
 
@@ -87,10 +87,10 @@ def shares(
     """Return what peers are told, and the offers by the names of their streams.
 
     Args:
-        version: of the shares.
+        version: the version of the shares.
         offered: all offers.
         knowledge: knows the sorts of the objects.
-        deadbands: of the shared features; None for one whose samples all leave.
+        deadbands: the deadband of each shared feature; None: all samples are sent.
     """
     by_name: dict[str, Offer] = {}
     features: list[SharedFeature] = []
@@ -109,6 +109,6 @@ def shares(
 
 
 def _sorts(name: str, knowledge: Knowledge) -> tuple[str, ...]:
-    """Return the sorts of an object, specific ones first, without those that all peers know."""
+    """Return the sorts of an object, specific sorts first, without the ones that all peers know."""
     found = (each for each in knowledge.concepts(name) if each not in {ANY_SORT, REMOTE})
     return tuple(found) or (ANY_SORT,)

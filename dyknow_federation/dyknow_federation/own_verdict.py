@@ -1,7 +1,7 @@
 """The verdict of a formula that is evaluated for a peer, as far as the peer is told.
 
-A promise that a formula is undecided until a time is good for the states that have been evaluated,
-and for the times of which it is known that they have none:
+A promise that a formula is undecided until a time covers the states that have been evaluated, and
+the times that are known to have no state:
 
      0.0 s  the evaluation begins: nothing is told, as no state has been evaluated
      0.4 s  the first state is at 0.3 s: `undecided` since then, and no verdict until 0.3 s
@@ -38,7 +38,7 @@ class OwnVerdict:
 
     Args:
         peer: the own host among its peers.
-        name: of the stream of the verdict.
+        name: the name of the stream of the verdict.
     """
 
     def __init__(self, peer: Peer, name: str) -> None:

@@ -33,7 +33,7 @@ from dyknow_federation.remote import RemotePeer, hello_period
 from dyknow_federation.sending import SentStream, Thinning
 
 MAX_PEERS: Final = 1000
-"""The number of other peers that are known, without those that are asked before they are heard."""
+"""The most other peers that are known; peers that are asked before they are heard are extra."""
 
 BATCH_DELAY: Final = 2 * NANOSECONDS['ms']
 """How long a sample waits for others to be sent with, in nanoseconds."""
@@ -52,7 +52,7 @@ _Constants = tuple[float, ...]
 
 
 class Effects(NamedTuple):
-    """The packets to send, each with its receiver, which is empty for all, and events to act on."""
+    """The packets to send, each with its receiver (empty: all peers), and the events to act on."""
 
     packets: list[tuple[str, Packet]]
     events: list[PeerEvent]
@@ -64,8 +64,8 @@ class FormulaForPeer:
 
     Args:
         asker: the peer.
-        request: of the peer.
-        streams: that the formula is about.
+        request: the request of the peer.
+        streams: the streams that the formula is about.
         expires: when it ends, if its verdict is not requested before.
     """
 
@@ -108,9 +108,9 @@ class Peer:
         self._hello_at = self._flush_at = BEGINNING
         self._events: list[PeerEvent] = []
         self._unsent: dict[tuple[str, bool], list[Message]] = {}
-        """By receivers; those that are urgent have packets of their own."""
+        """By receiver and urgency: urgent messages have packets of their own."""
         self._faults_at: dict[str, int] = {}
-        """By peers; those that are none have an empty name."""
+        """When a fault was last reported, by peer; unknown senders share the empty name."""
 
     def given(self, peer: str) -> list[str]:
         """Return the names of the own streams that a peer receives."""
@@ -196,7 +196,7 @@ class Peer:
     def request_formula(self, peer: str, request: messages.FormulaRequest, at: int) -> None:
         """Ask a peer to evaluate a formula; a `FormulaAnswered` follows.
 
-        Then the stream of the verdict is to be requested, within `peer_timeout` of the peer.
+        The caller must then request the stream of the verdict, within `peer_timeout` of the peer.
         """
         self._remote(peer, at).request_formula(request, at)
 
@@ -251,7 +251,7 @@ class Peer:
             raise FederationError(
                 f"another host is called '{sender}', too; give each host its own name"
             )
-        # Those that the own host asks are as few as its readers, whoever else is heard.
+        # Peers that the own host asks need no limit here: the readers of this host limit them.
         if sender not in self.remotes and len(self.remotes) >= MAX_PEERS:
             raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
         remote = self._remote(sender, at)

@@ -1,9 +1,9 @@
 """The values that a stream of another host may have, at times of the own clock.
 
-The valid time of a sample of another host is known up to an uncertainty. From the earliest time at
-which it may be valid on, the value may be that of the sample or that of those before; from the
-latest time on, it is not that of those before. These times are exact on the own clock, so what is
-uncertain is the value, and all that joins streams by their valid times needs to know no more:
+The valid time of a sample of another host is known up to an uncertainty. From its earliest possible
+valid time on, the stream has either the value of the sample or an earlier value. From its latest
+possible valid time on, earlier values are excluded. Both times are exact on the own clock. So only
+the value is uncertain, and whatever joins streams by their valid times needs to know no more:
 
     sample    is valid at        own time    value
     1         0.90 s ± 50 ms     0.95 s      1
@@ -45,10 +45,10 @@ class Precision(NamedTuple):
     """How exactly the value of a stream is known while no sample is sent.
 
     Args:
-        error: by how much it may differ from the last sample.
-        constants: if there are any, it may be any other number, too, that compares with each of
-            them as some number within the error does.
-        reason: why it is not known better.
+        error: how much the value may differ from the last sample.
+        constants: if there are any, the value may also be any number that compares with each
+            constant as some number within the error does.
+        reason: why the value is not known better.
     """
 
     error: float = 0
@@ -85,11 +85,11 @@ class PossibleValues:
         """No later sample is valid until this time."""
         self._told = after
         self._value: Value | None = None
-        # The one that is valid for certain, if any is, and those that may be.
+        # The sample that is certainly valid, if any is, and the samples that may be valid.
         self._samples: deque[_Dated] = deque()
 
     def put(self, earliest: int, latest: int, value: Value) -> bool:
-        """Take a sample and the times at which it may be valid, in the order of the true ones.
+        """Take a sample and the bounds of its valid time; calls are in the order of the true times.
 
         Return False if too many may be valid at one time: then values are unknown until the last
         one is certain.

@@ -1,6 +1,6 @@
 """Push-down: the parts of a formula that are about the streams of one peer are evaluated there.
 
-Of a formula about three robots, each of which is a peer,
+Example: three robots are peers, and in a formula about all of them,
 
     forall r in Robot: always (Charge[r] < 0.2 -> eventually[0 s, 1 min] Docked[r])
 
@@ -10,15 +10,15 @@ each robot evaluates its own instance, with its own streams and by its own clock
 
 Only the verdict crosses, as a stream of text: `undecided` or, if it would be false without further
 states, `presumably false`; then `true` or `false`, with the reason. What remains here is
-`v1 and v2 and v3`, each of which is presumably false while the verdict is:
+`v1 and v2 and v3`. Each of these parts is presumably false while its peer's verdict is:
 
     verdict starts with "true" release
     (not verdict starts with "false" and eventually verdict != "presumably false")
 
 A part contains an operator of time, and no operator of time contains it: so it begins when the
-formula begins, and is decided once. Its verdict is that of the same formula here, over the same
-samples, but for the bounds of the clocks: its host needs none. What remains here does not know that
-two parts contradict each other, so its verdict may come later than that of the whole formula.
+formula begins, and is decided once. The same formula over the same samples would have the same
+verdict here, but for the bounds of the clocks: its host needs none. What remains here does not know
+that two parts contradict each other, so its verdict may come later than the whole formula's.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ MAX_TIMEOUT: Final = 365 * 86_400 * SECOND_NS
 """How long a peer evaluates a part at most, in nanoseconds."""
 
 MAX_NODES: Final = 10_000
-"""The size of a formula for given objects of which parts are pushed down."""
+"""The largest formula, for given objects, whose parts are pushed down."""
 
 _EVALUATED: Final = (
     Connective | Not | CountOf | FutureFormula | PastFormula | Comparison | Arithmetic | Function
@@ -90,9 +90,9 @@ class PeerPart:
     """A part of a formula, for given objects.
 
     Args:
-        peer: that evaluates it.
-        formula: in the words of this host.
-        text: of the formula over the streams of the peer.
+        peer: the peer that evaluates the part.
+        formula: the part in the words of this host.
+        text: the text of the formula over the streams of the peer.
     """
 
     peer: str
@@ -196,7 +196,7 @@ class PushDown:
         return _Hole(True, PeerPart(peer, formula, text)) if is_short else None
 
     def _peer(self, instances: Sequence[Formula]) -> str | None:
-        """Return the peer whose streams all features are, if time matters to all instances."""
+        """Return the peer with the streams of all features, if time matters to all instances."""
         nodes = [[*walk(each)] for each in instances]
         if not all(any(isinstance(each, FutureFormula) for each in found) for found in nodes):
             return None

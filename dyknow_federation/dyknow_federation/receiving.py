@@ -34,7 +34,7 @@ class Received(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """Samples between the last delivered one and the next one cannot be had any more."""
+    """Samples after the last delivered one are lost for good."""
 
     number: int
     """How many; 0 if that is not known."""
@@ -55,8 +55,8 @@ class ReceivedStream:
     """A stream that was requested of a peer.
 
     Args:
-        name: of the stream.
-        epoch: of its numbers; 0: it is not granted yet.
+        name: the name of the stream.
+        epoch: the epoch of its numbers; 0: it is not granted yet.
     """
 
     def __init__(self, name: str, epoch: int = 0) -> None:
@@ -127,7 +127,7 @@ class ReceivedStream:
             yield Promise(watermark.time)
 
     def _begin(self, number: int) -> None:
-        """Begin with the first number that is told, if there was none."""
+        """Begin with the first number that the peer tells, if there was none."""
         if not self._number:
             self._number = self._end = number
 

@@ -35,7 +35,7 @@ PROBE_PERIOD: Final = SECOND_NS
 """The time between two measures of a clock, in nanoseconds."""
 
 UNUSED: Final = 10
-"""The clock of a peer of which nothing is asked is measured this many times more rarely."""
+"""The clock of a peer that nothing is asked of is measured this many times more rarely."""
 
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
@@ -48,7 +48,7 @@ _STALE: Final = 3
 
 
 def hello_period(settings: RequestedFederation) -> int:
-    """Return the time between two signs of life: some of those in `peer_timeout` may be lost."""
+    """Return the time between two signs of life; `peer_timeout` allows for some lost ones."""
     return min(SECOND_NS, settings.peer_timeout // 10)
 
 
@@ -82,13 +82,13 @@ class RemotePeer:
         departure: why it has left; empty if it has not.
         heard_at: when it was last heard.
         received: the number of bytes that have come from it.
-        lost: the number of its samples that cannot be had any more.
+        lost: the number of its samples that are lost for good.
         late: the number of packets of its former runs, which are dropped.
-        fault: why a message of it was refused last.
+        fault: why its last refused message was refused.
 
     Args:
-        settings: of the own host.
-        send: sends a message to it.
+        settings: the settings of the own host.
+        send: sends a message to the peer.
     """
 
     def __init__(
@@ -116,9 +116,9 @@ class RemotePeer:
         self.requested: dict[str, _Requested] = {}
         """The streams that were requested of it, by their names."""
         self._formulas: dict[str, _PendingFormula] = {}
-        """Those that it was asked to evaluate, without an answer, by the streams of verdicts."""
+        """The unanswered requests for formulas, by the streams of their verdicts."""
         self._granted: dict[int, str] = {}
-        """The streams by their epochs, which those messages name that are sent often."""
+        """The streams by their epochs; frequent messages name a stream by its epoch."""
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
@@ -133,7 +133,8 @@ class RemotePeer:
     def hear(self, incarnation: int, at: int) -> list[PeerEvent] | None:
         """Take a sign of life; return None if it is a late one of a former run.
 
-        A former run is the present one again once that is stale: an altered packet named it.
+        If the present run is stale, a sign of a former run makes that run the present one again:
+        an altered packet had named the stale one.
         """
         if incarnation in self._former:
             if at - self.heard_at < self._settings.peer_timeout // _STALE:
@@ -218,9 +219,9 @@ class RemotePeer:
         return [events.FormulaAnswered(self.name, name, reason) for name in late]
 
     def expire(self, at: int) -> bool:
-        """Return True if it has left, and nothing was asked of it for `peer_timeout` since.
+        """Return True if the peer has left, and nothing has been asked of it for `peer_timeout`.
 
-        While a formula looks for another source, the objects must be known that its error names.
+        While a formula looks for another source, the objects that its error names must be known.
         """
         if self.is_present or self.requested or self._formulas:
             self._needed_at = at

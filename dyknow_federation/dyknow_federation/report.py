@@ -29,18 +29,18 @@ class PeerReport:
 
     Args:
         name: its name.
-        state: of the link.
-        silent_for: since it was heard last.
+        state: the state of the link.
+        silent_for: the time since the peer was last heard.
         delay: the round trip.
-        offset: of its clock; positive if it is ahead.
-        uncertainty: of the offset: the truth is at most this far from it.
-        bytes_sent: to it alone.
-        bytes_received: from it.
-        lost: the number of its samples that cannot be had any more.
+        offset: the offset of its clock; positive if the clock is ahead.
+        uncertainty: the true offset is at most this far from `offset`.
+        bytes_sent: the number of bytes sent to this peer alone.
+        bytes_received: the number of bytes received from it.
+        lost: the number of its samples that are lost for good.
         shares: the streams that it shares.
         asked: its streams that are read here.
         given: the own streams that it has asked for.
-        fault: why a message of it was refused last.
+        fault: why its last refused message was refused.
     """
 
     name: str
@@ -63,10 +63,10 @@ class FederationReport:
     """A host among its peers.
 
     Args:
-        name: of the host.
-        peers: by name.
+        name: the name of the host.
+        peers: the peers by name.
         shares: the own streams that peers may ask for.
-        faults: what cannot be shared, or used of peers, and why.
+        faults: what cannot be shared with peers, or used from them, and why.
     """
 
     name: str
@@ -91,11 +91,11 @@ _COLUMNS = (
     *map(figure, ('silent', 'delay', 'clock', 'sent', 'received', 'lost')),
 )
 _BELOW = ('shares', 'asked for', 'given', 'fault')
-"""What has a line of its own below the table, which would not fit into 80 columns with it."""
+"""Values with lines of their own below the table: with them, it would exceed 80 columns."""
 
 
 def federation_table(report: FederationReport) -> RenderableType:
-    """Return a table with a line for each peer, and below, what is shared with whom."""
+    """Return a table with a line for each peer, followed by what is shared with whom."""
     rows: list[list[Cell]] = []
     lines = []
     for each in report.peers:

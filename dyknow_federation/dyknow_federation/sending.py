@@ -36,13 +36,13 @@ REFRESH: Final = 10 * SECOND_NS
 class Thinning:
     """Decides which samples of a stream are sent.
 
-    The first sample without a known value always is, so that no peer takes the last one for
-    known.
+    The first sample without a known value is always sent: else a peer would take the last value
+    for known.
 
     Args:
-        every: the least time between two others, in nanoseconds; 0: all are looked at.
-        deadband: by how much one must differ from the last one; None: by nothing.
-        constants: and it must compare otherwise than the last one with one of them.
+        every: the least time between two known samples, in nanoseconds; 0: no limit.
+        deadband: how much a sample must differ from the last one; None: it need not differ.
+        constants: if there are any, its comparison with one of them must have changed, too.
     """
 
     def __init__(
@@ -55,9 +55,9 @@ class Thinning:
         self._is_unknown = False
         self._passed = BEGINNING
         self._value: Value | None = None
-        """The last one that was outside the deadband."""
+        """The last sample that was outside the deadband."""
         self._told: object = None
-        """What peers know of the last one that was sent, if they compare it."""
+        """What peers know of the last sample that was sent, if they compare it."""
 
     def passes(self, valid_time: int, value: Value) -> bool:
         """Return False for a sample that follows too soon, or says too little."""
@@ -76,7 +76,7 @@ class Thinning:
         return True
 
     def forget(self) -> None:
-        """Have the next sample sent that is looked at: the last one may hold no more."""
+        """Send the next sample that `every` lets pass: the last one may hold no more."""
         self._value = self._told = None
 
     def _tells(self, value: Value) -> object:
@@ -91,7 +91,7 @@ class Thinning:
         if isinstance(value, bool | str) or isinstance(former, bool | str):
             return value == former
         error = self._precision.error
-        # The bounds that peers calculate, rounded alike; False of what is not a number.
+        # The bounds that peers calculate, with the same rounding; a value that is NaN is not near.
         return former - error <= value <= former + error
 
 
@@ -105,9 +105,9 @@ class _Subscription:
     """A peer that receives a stream.
 
     Args:
-        number: of the next sample for it.
-        expires: when it ends unless the request is repeated.
-        promised: the last promise that it was sent.
+        number: the number of the next sample for the peer.
+        expires: when the subscription ends unless the request is repeated.
+        promised: the last promise that the peer was sent.
     """
 
     number: int
@@ -116,11 +116,11 @@ class _Subscription:
 
 
 class SentStream:
-    """An own stream, for all that have asked for it.
+    """An own stream, for all peers that have asked for it.
 
     Args:
-        name: of the stream.
-        epoch: of its numbers.
+        name: the name of the stream.
+        epoch: the epoch of its numbers.
         history: how long samples are kept, in nanoseconds.
         thinning: decides which samples are sent; None: all are.
     """
@@ -181,7 +181,7 @@ class SentStream:
         self._promised = max(self._promised, time)
 
     def renew(self, peer: str, request: Request, expires: int) -> list[Grant | StreamMessage]:
-        """Take a request of a peer, which expires; return what it asks for that was sent before."""
+        """Take a request of a peer, valid until `expires`; return the older messages it needs."""
         subscription = self.subscribers.get(peer)
         if subscription is None:
             known = request.number if request.epoch == self._epoch else self._number
@@ -220,7 +220,7 @@ class SentStream:
         self.subscribers = {peer: each for peer, each in own if each.expires > at}
 
     def unsent(self) -> Iterator[tuple[str, StreamMessage]]:
-        """Yield what is to be sent, with its receiver."""
+        """Yield the messages to send, each with its receiver."""
         for peer, subscription in self.subscribers.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
                 yield peer, batch

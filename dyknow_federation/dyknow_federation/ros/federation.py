@@ -1,4 +1,4 @@
-"""The federation node: joins the DyKnow of this host with those of others.
+"""The federation node: joins the DyKnow system of this host with the systems of other hosts.
 
 ros2 run dyknow_federation federation --ros-args -p robot:=robot.yaml
 """
@@ -98,7 +98,7 @@ class Federation(DyKnowNode):
             return  # The node is destroyed.
 
     def _take(self) -> None:
-        """Take the packets that have come; in simulated time, none are sent or taken."""
+        """Take the packets that have come; in simulated time, no packet is sent or taken."""
         packets = self._transport.take()
         if is_time_simulated(self):
             return

@@ -40,7 +40,7 @@ class OwnFormulas:
         self._client.close()
 
     def reconcile(self) -> None:
-        """Evaluate those whose verdict is requested, and no others; tell that this goes on."""
+        """Evaluate only formulas whose verdict is requested; tell peers that this goes on."""
         streams, now = self._streams, self._streams.node.now()
         peer = streams.peer
         due = {name: each for name, each in peer.formulas.items() if name in peer.sent}

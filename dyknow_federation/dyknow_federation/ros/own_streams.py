@@ -28,8 +28,8 @@ class OwnStream:
     """Listener that passes the samples of a stream on to the peers.
 
     Args:
-        streams: that it is one of.
-        name: of the stream, as peers know it.
+        streams: all streams of this host; this is one of them.
+        name: the name of the stream for peers.
     """
 
     streams: OwnStreams
@@ -125,13 +125,13 @@ class OwnStreams:
         """Those that formulas of peers are about."""
         self._topics = NodeTopics.of(node)
         self._failed: set[str] = set()
-        """The streams of which peers know that they cannot be made."""
+        """The streams that cannot be made; peers have been told."""
         self._made: dict[str, _Made] = {}
         self._is_working = False
 
     @property
     def made(self) -> frozenset[str]:
-        """The names of those that are made."""
+        """The names of the streams that are made."""
         return frozenset(self._made)
 
     def known_until(self, names: Collection[str]) -> int | None:
@@ -145,7 +145,7 @@ class OwnStreams:
         return next((fault for each in names if (fault := self._made[each].listener.fault)), '')
 
     def reconcile(self) -> None:
-        """Make the streams that are asked for, and destroy those that are not, or are outdated."""
+        """Make the streams that peers ask for; destroy all others, and outdated ones."""
         asked = self.peer.sent.keys() | self.needed
         self._failed &= asked
         due = {name: self.offers[name] for name in asked & self.offers.keys()}
@@ -187,7 +187,7 @@ class OwnStreams:
         except DyKnowError as error:
             if error.code is not ExitCode.ALREADY_EXISTS:
                 raise
-            # An earlier run of this node has left it, of another specification.
+            # An earlier run of this node has left this stream, with another specification.
             await self._manager.call(StreamDestroy, stream_name=spec.name)
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
         listener = OwnStream(self, name)

@@ -26,8 +26,8 @@ class RemoteFormulas:
 
     Args:
         peer: this host among its peers.
-        streams: the streams of peers, to which those of the verdicts are added.
-        name: of this host.
+        streams: the streams of peers; the streams of verdicts are added to them.
+        name: the name of this host.
     """
 
     def __init__(self, peer: Peer, streams: RemoteStreams, name: str) -> None:
@@ -97,7 +97,7 @@ class RemoteFormulas:
 
 
 def _plain_topic(stream: str, symbol: str) -> str:
-    """Return the topic whose values a stream has as they are; empty if there is none."""
+    """Return the topic whose values a stream passes on unchanged; empty if there is none."""
     topic = stream.rpartition(' from ')[2].strip('"')
     plain = Select((Selection(VALUE, symbol),), StreamReference(topic, is_topic=True))
     return topic if stream == str(plain) else ''

@@ -1,10 +1,10 @@
 """The streams of peers, as topics of this host.
 
 The samples of the stream `Charge_carrier1` of the peer `carrier1` are published on
-`dyknow/federation/carrier1/Charge_carrier1`, as an engine publishes those of its streams: with
-watermarks, by which readers know what may still come, and violations, by which they know what never
-will. Where the clocks leave the order of samples open, a value has alternatives. While nobody
-subscribes, the peer is not asked.
+`dyknow/federation/carrier1/Charge_carrier1`, as an engine publishes the samples of its streams.
+Watermarks tell readers which samples may still come, and violations tell which never will. Where
+the clocks leave the order of samples open, a value has alternatives. While nobody subscribes, the
+peer is not asked.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class RemoteStreams:
         self.node = node
         self._streams: dict[StreamName, RemoteStream] = {}
         self._verdicts: dict[StreamName, int] = {}
-        """When those of formulas were added, until they are read no more."""
+        """When the streams of verdicts were added; they are kept until nobody reads them."""
         self._watermarks: dict[str, Any] = {}
         self._wanted: set[StreamName] = set()
 
@@ -119,7 +119,7 @@ class RemoteStreams:
         return str(self.node.resolve_topic_name(f'{PEER_STREAMS}/{peer}/{stream}'))
 
     def keep(self, names: set[StreamName]) -> None:
-        """Publish these streams, and no others but those that are still read."""
+        """Publish these streams, and the streams that are still read, and no others."""
         names = names | self._verdicts.keys()
         for name in self._streams.keys() - names - self._wanted:
             self._streams.pop(name).destroy()
@@ -145,9 +145,9 @@ class RemoteStreams:
         return {each.topic: name for name, each in self._streams.items()}
 
     def demand(self) -> tuple[dict[StreamName, int], set[StreamName]]:
-        """Return the streams that are read since the last call, and those that are no more.
+        """Return the streams that became wanted since the last call, and the ones no longer wanted.
 
-        The former with the time until which their values are published.
+        Each of the former comes with the time until which its values are published.
         """
         wanted = {name for name, each in self._streams.items() if each.is_wanted}
         former, self._wanted = self._wanted, wanted

@@ -1,7 +1,7 @@
 """The way of packets between hosts: zenoh, which discovers, routes, batches, and controls access.
 
-Each peer publishes on keys that begin with its name, so that zenoh's access control can tell by
-whose certificate which key may be written and read:
+Each peer publishes on keys that begin with its name. So zenoh's access control can decide, by the
+certificate of a peer, which keys it may write and read:
 
     dyknow/federation/carrier1/all                  signs of life
     dyknow/federation/carrier1/to/basestation       everything else
@@ -29,7 +29,7 @@ _KEY: Final = re.compile(f'{PREFIX}/([^/]+)/(?:all|to/[^/]+)')
 
 
 class ReceivedPacket(NamedTuple):
-    """The bytes of a packet, the peer by whose key they came, and when, in nanoseconds."""
+    """The bytes of a packet, the peer whose key they came on, and when, in nanoseconds."""
 
     sender: str
     data: bytes

@@ -1,8 +1,8 @@
 """What peers share, in the ontology and the annotations of this host.
 
-Each change of a peer is a change here: objects, features and annotations are added and removed as
-any client would do it. The objects of peers belong to the sort `RemoteObject`, by which a restarted
-node knows what an earlier run of it has left.
+Each change of a peer is a change here: objects, features and annotations are added and removed, as
+any client may do. The objects of peers belong to the sort `RemoteObject`: by this sort, a restarted
+node finds the objects that its earlier run has left.
 """
 
 from __future__ import annotations
