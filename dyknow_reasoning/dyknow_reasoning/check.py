@@ -39,7 +39,7 @@ class CheckResult:
         verdict: undecided if the trace ends too early or the formula failed.
         decided_at: the valid time of the deciding state in nanoseconds; None if undecided, or if
             the verdict needs no state.
-        decided_at_state: the index of the deciding state, from 0; None as above.
+        decided_at_state: the index of the deciding state, from 0; None as for `decided_at`.
         states: the number of states of the trace.
         explanation: the reasons; for an undecided formula, what remains of it.
         error: the reason why the formula failed.

@@ -86,7 +86,7 @@ class FormulaGroup:
 
     def __init__(self, limits: FormulaLimits = DEFAULT_LIMITS) -> None:
         self._limits = limits
-        # The parts of each formula: of its text, and of it for all objects after `begin`.
+        # The number of parts of each formula: of its text; after `begin`, for all objects.
         self._sizes: dict[int, int] = {}
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
@@ -119,7 +119,7 @@ class FormulaGroup:
 
     @property
     def parts(self) -> int:
-        """The parts of all formulas: of their texts; after `begin` also those for all objects."""
+        """The parts of all formulas: in their texts; after `begin`, for all objects."""
         return sum(tuple(self._sizes.values()))
 
     @property
@@ -190,9 +190,9 @@ class FormulaGroup:
     def symbols(self) -> list[Symbol]:
         """Return the symbols of all formulas, each once.
 
-        Before `begin` they are those of the texts; an argument of a feature is an object, or the
-        sort of the variable there. After it they are the features of objects that the simplified
-        formulas depend on: the fields that each state must hold.
+        Before `begin`, these are the symbols of the texts; an argument of a feature is an object,
+        or the sort of the variable there. After `begin`, they are the features of objects that the
+        simplified formulas depend on: the fields that each state must hold.
         """
         if self._domains is not None:
             return required_features(chain.from_iterable(self._instances.values()))
@@ -211,9 +211,9 @@ class FormulaGroup:
         """Fix the objects of each sort.
 
         Args:
-            domains: these.
+            domains: the objects of each sort.
             unknown: the features that may be unknown at a state: absent, None or not a number. A
-                verdict holds whatever they are then. Of others, such a value is an error.
+                verdict holds whatever their values are. For other features, this is an error.
 
         Raises:
             ReasoningError: for a sort without a domain, for a formula that is too large for the
@@ -311,7 +311,7 @@ class FormulaGroup:
         given: Values,
         omitted: Mapping[int, str] = NONE_OMITTED,
     ) -> list[FormulaResult]:
-        """Progress over values without alternatives, and those that met some over the `given`."""
+        """Progress over `values`; formulas that have met alternatives take the `given` values."""
         self._begun()
         monitor, possible, standing = self._monitor, self._possible, self.standing
         results = self._results_of_known() if self._known else []
@@ -408,8 +408,8 @@ class FormulaGroup:
     def wants(self, formula_id: int) -> Mapping[str, int]:
         """Return since when each open feature makes a difference to a formula, in nanoseconds.
 
-        Its value is unknown, or one of `Alternatives`. For a formula that is asked at every state,
-        return those that make it possible that it is violated at present.
+        The value of an open feature is unknown, or has `Alternatives`. For a formula that is asked
+        at every state, return the features by which it may be violated at present.
         """
         self._find(formula_id)
         if formula_id in self.standing.formulas:
@@ -514,7 +514,7 @@ class FormulaGroup:
     def _take_as_possible(self, formulas: Iterable[int]) -> list[int]:
         """Take formulas that meet open values from the monitor, before the state.
 
-        Return those that cannot be taken.
+        Return the formulas that cannot be taken.
         """
         left, monitor = [], self._monitor
         states, registers = list(monitor.states()), monitor.histories.registers
@@ -575,7 +575,7 @@ class FormulaGroup:
         why: VerdictReasons,
         error: ReasoningError | None = None,
     ) -> FormulaResult:
-        """Return the result of a formula, which needs no further state."""
+        """Return the result of a formula that needs no further state."""
         self._release(formula_id)
         named = self._formulas[formula_id]
         self._ends[formula_id] = str(named) if error else verdict.name.lower()

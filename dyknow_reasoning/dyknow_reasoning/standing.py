@@ -33,7 +33,7 @@ from dyknow_reasoning.results import NamedFormula
 NONE_OMITTED: Final[Mapping[int, str]] = MappingProxyType({})
 
 _CLEANUP_STATES: Final = 4096
-"""The period in which margins that are no longer needed are dropped."""
+"""The number of states between two clean-ups of margins that are no longer needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +56,9 @@ class StandingFormula:
         named: the formula.
         counts: the number of objects of each sort.
         instances: the formula holds if all of them do.
-        histories: those that it looks back to.
-        limits: of the formula.
-        margins: from each state on, if they were requested; its group steps them.
+        histories: the histories that it looks back to.
+        limits: the limits of the formula.
+        margins: its margins from each state on, if requested; the group steps them.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class StandingFormula:
         self._formula, self._counts = named.formula, counts
         self._histories = histories
         self.known = verdict_of(instances)
-        """Its verdict from every state, if it needs none; else undecided."""
+        """Its verdict from every state on, if it needs no state; else undecided."""
         self.omitted = 0
         """The number of states at which it was not asked, as several values are possible."""
         self._looks_back = any(
@@ -152,7 +152,7 @@ class StandingFormula:
         )
 
     def _forget_margins(self, margins: StandingMargin) -> None:
-        """Forget the margins of states that can be in no episode any more, now and then."""
+        """Now and then, forget the margins of states that cannot be in an episode any more."""
         if self.monitor.states <= self._next_cleanup:
             return
         self._next_cleanup = self.monitor.states + _CLEANUP_STATES
@@ -195,7 +195,7 @@ def start_verdicts(
 
     Args:
         monitor: has progressed over all states.
-        log: of the monitor, from its first state on.
+        log: the log of the monitor, from its first state on.
         times: the valid times of the states, in nanoseconds.
     """
     found: list[StartVerdict] = []
@@ -256,7 +256,7 @@ class StandingFormulas:
         self.formulas[formula_id] = formula
 
     def remove(self, formula_id: int) -> None:
-        """Remove a formula, if it is one of these."""
+        """Remove a formula, if it is known here."""
         self.formulas.pop(formula_id, None)
         self._changed.discard(formula_id)
 
@@ -282,11 +282,11 @@ class StandingFormulas:
         return failures
 
     def known(self) -> dict[int, Verdict]:
-        """Return the verdicts of those that need no state."""
+        """Return the verdicts of the formulas that need no state."""
         return {key: each.known for key, each in self.formulas.items() if each.known}
 
     def forget_margins(self, formula_id: int) -> None:
-        """Report no margins of a formula from now on, if it is one of these."""
+        """Report no margins of a formula from now on, if it is known here."""
         if found := self.formulas.get(formula_id):
             found.margins = None
 

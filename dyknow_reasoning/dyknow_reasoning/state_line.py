@@ -1,7 +1,7 @@
 """Which states of a formula group count, as it reads one stream after another.
 
-Valid times, in seconds. The stream `b` is to replace `a`; its state at 2.5 shows that it lacks
-none after that, so it replaces `a` after the state at 3.0:
+Example with valid times in seconds: the stream `b` must replace `a`. The state of `b` at 2.5 shows
+that `b` has all states after 2.5, so `b` replaces `a` after the state at 3.0:
 
     states of a     1.0   2.0   3.0
     kept of b       2.5   3.5   4.5     (1.5 was forgotten when 2.5 came)
@@ -22,7 +22,7 @@ from dyknow_common import SECOND_NS
 MAX_KEPT: Final = 1000
 
 HAND_OVER_LIMIT_NS: Final = 5 * SECOND_NS
-"""Time within which a stream that is left must be as late as the one that replaces it."""
+"""Time within which a replaced stream must become as late as the stream that replaces it."""
 
 
 class Timed(Protocol):
@@ -37,7 +37,7 @@ State = TypeVar('State', bound=Timed)
 
 
 class StandbyStates(Generic[State]):
-    """The latest states of a stream, from the one before the latest counted state on.
+    """The latest states of a stream, beginning just before the latest counted state.
 
     It holds at most MAX_KEPT states; then it forgets the oldest.
     """
@@ -57,7 +57,7 @@ class StandbyStates(Generic[State]):
         """Keep a state, and drop states that a take-over does not need.
 
         Args:
-            state: the state; it is later than those before.
+            state: the state; it must be later than earlier ones.
             latest: the valid time of the latest counted state; None before the first.
         """
         states = self._states
@@ -68,7 +68,7 @@ class StandbyStates(Generic[State]):
             states.popleft()
 
     def continue_from(self, latest: int) -> bool:
-        """Return True if none is missing between a counted state and these."""
+        """Return True if no state is missing between a counted state and the kept states."""
         return bool(self._states) and self._states[0].valid_time <= latest
 
     def take(self) -> list[State]:
@@ -97,8 +97,8 @@ class ReadStream(Generic[State]):
 
     Args:
         breach: its latest violation.
-        doubtful_from: the valid time from which on violations make states doubtful. They may have
-            been received before: if a sample is late, its time may have passed.
+        doubtful_from: the valid time from which violations make states doubtful. Such states may
+            have been received already: if a sample is late, its time may have passed.
         kept: its latest states, while it is not in use.
     """
 
@@ -119,9 +119,9 @@ class StateLine(Generic[Stream]):
     """Decides which states of one stream after another count.
 
     A violation pauses the line until it reads another stream: a verdict over states that broke a
-    constraint would be unsound. A stream begins with states that do not count, up to the latest
-    counted one, also if it is recreated, which is a loss. There is a gap before the first that
-    counts if states may be missing, or if a violation concerns counted ones. Times are in ns.
+    constraint would be unsound. The states of a new stream up to the latest counted state do not
+    count; a recreated stream is new, too, and means a loss. If states may be missing, or if a
+    violation concerns counted states, there is a gap before the first that counts. Times are in ns.
 
     Args:
         on_gap: called with the valid time after which states may be missing.
@@ -156,8 +156,8 @@ class StateLine(Generic[Stream]):
     def is_due(self, now: int) -> bool:
         """Return True if the next stream should replace the one in use now.
 
-        That is when no state between is missing, when the stream in use is violated, or when that
-        has no state as late as those of the next one for HAND_OVER_LIMIT_NS.
+        It should if no state between them is missing, if the stream in use is violated, or if that
+        stream has lagged behind the next one for HAND_OVER_LIMIT_NS.
         """
         if self.next is None:
             return False
@@ -167,7 +167,7 @@ class StateLine(Generic[Stream]):
         return bool(kept) and now - self._next_since >= HAND_OVER_LIMIT_NS
 
     def change(self, stream: Stream, now: int) -> None:
-        """Use a stream instead of the one in use; its kept states are to be received next."""
+        """Use another stream; the caller must receive its kept states next."""
         doubtful_from = self.stream.doubtful_from if self.stream else None
         self.stream, self.next = stream, None
         self.pause, self.paused_at = stream.breach, now
@@ -195,7 +195,7 @@ class StateLine(Generic[Stream]):
         """Return True if a state of the stream in use counts.
 
         Args:
-            valid_time: of the state.
+            valid_time: the valid time of the state.
             is_after_loss: True if states before it may be missing.
         """
         if self.pause:

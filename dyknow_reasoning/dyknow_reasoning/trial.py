@@ -1,4 +1,4 @@
-"""Formulas that are tried at a state, which becomes part of their history only if it is accepted.
+"""Formulas that are tried at a state; only accepted states become part of their history.
 
 A formula without operators of the future is true or false at each state. `holds` says which for a
 proposed state, and `accept` adds that state to the history. A state that is not accepted leaves no
@@ -45,8 +45,8 @@ from dyknow_reasoning.progression.sizes import (
 def asked_of_each_state(formula: Formula) -> Formula:
     """Return a formula without `always` at the outside, or below the outermost `forall`.
 
-    It is what the formula asks of each state: `always p`, asked at every state, would stay violated
-    after one state without p, as no later state makes it true.
+    The result is what the formula asks of each state. `always p`, asked at every state, would stay
+    violated after one state without p, as no later state makes it true.
     """
     match formula:
         case Always(body, interval) if interval == ALL_FUTURE:
@@ -85,12 +85,12 @@ def check_trial(text: str, constants: Constants = NO_CONSTANTS) -> Formula:
 
 
 class TrialFormula:
-    """A formula that is tried at proposed states, and the history of those that were accepted.
+    """A formula that is tried at proposed states, and the history of accepted states.
 
     Args:
         text: the formula.
         domains: the objects of each sort.
-        limits: of its size.
+        limits: the limits of its size.
 
     Raises:
         DyKnowError: for a text that is no such formula, a sort without a domain, or a formula that
@@ -118,7 +118,7 @@ class TrialFormula:
         """Return True if the formula holds at a proposed state, for all `Alternatives` of values.
 
         Args:
-            time: of the state, after the latest accepted one; nanoseconds.
+            time: the time of the state in nanoseconds, after the latest accepted state.
             values: a value for each feature of objects, by the text of its `Symbol`.
 
         Raises:

@@ -1,14 +1,14 @@
-"""Which formulas the alternatives of values make a difference to, as where clocks of hosts differ.
+"""Decides which formulas depend on alternatives of values, as where clocks of hosts differ.
 
-One of the alternatives is true. A formula is decided once every choice among those of its values
-gives the same verdict; it fails once choices have given different ones. Example, with states each
+One of the alternatives is true. A formula is decided once every choice among the alternatives gives
+the same verdict; it fails once choices have given different verdicts. Example, with states each
 second, `eventually[0, 1 s] p`:
 
     0 s: not p, 1 s: p or not p    fails: true for the one, false for the other
     0 s: p or not p, 1 s: p        true for both
 
-Where all choices give the atoms of a formula the same truth, the state is like any other. From
-the first state at which they do not, it is a `PossibleFormula`.
+If all choices give the atoms of a formula the same truth, the state is like any other. From the
+first state at which choices differ, the formula is a `PossibleFormula`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class _Watched:
     def _atoms(self) -> Mapping[Atom, tuple[set[str], Predicate | None]]:
         """The features of all atoms, and their predicates unless they look back.
 
-        There are also those that operators look back to.
+        These include the features that operators look back to.
         """
         formula, kinds = self.named.formula, self.named.kinds
         found = chain.from_iterable(atoms for _, atoms in ground_atoms(formula, self.domains))
@@ -108,7 +108,7 @@ class _Watched:
 
     @property
     def is_asked_of_states(self) -> bool:
-        """True if it is asked at every state, which alone decides it, or the next ones do."""
+        """True if it is asked at every state, and each state, or the next ones, decide it."""
         asked = asked_of_each_state(self.named.formula)
         return self.named.every_state and is_about_one_state(asked)
 
@@ -146,10 +146,10 @@ class Meeting:
     """The formulas that meet alternatives at a state.
 
     Args:
-        dependent: those that depend on such values.
-        differing: those that are to be progressed over alternatives from now on, and why.
-        omitted: those that are asked at every state, and cannot be at this one, and why.
-        failures: those that fail.
+        dependent: formulas that depend on such values.
+        differing: formulas to progress over alternatives from now on, and why.
+        omitted: formulas asked at every state that cannot be asked at this one, and why.
+        failures: formulas that fail.
     """
 
     dependent: list[int] = field(default_factory=list)
@@ -158,7 +158,7 @@ class Meeting:
     failures: dict[int, ReasoningError] = field(default_factory=dict)
 
     def fail(self, formulas: Iterable[int]) -> None:
-        """Fail some of those that differ, as they cannot be progressed over alternatives."""
+        """Fail some differing formulas: they cannot be progressed over alternatives."""
         for formula_id in formulas:
             self.failures[formula_id] = ReasoningError(
                 f'{self.differing[formula_id]}: too much for a formula on which missing states, '

@@ -56,7 +56,7 @@ class VerdictAggregation:
         """Apply verdicts; return the outcomes, and all instances that have become irrelevant."""
         outcomes: dict[int, Outcome] = {}
         removed: list[FormulaInstance] = []
-        # The pessimistic half of an instance comes last: it is the one that proves a formula.
+        # The pessimistic half of an instance comes last: only this half proves a formula.
         for verdict in sorted(verdicts, key=lambda v: (v.instance.order, v.instance.half.value)):
             instance, formula_id = verdict.instance, verdict.instance.formula_id
             if instance not in self:

@@ -32,7 +32,7 @@ class BlockProgression:
 
     Args:
         times: the valid times of all states of the recording, in nanoseconds.
-        steps: for each, the nanoseconds since the previous one.
+        steps: for each state, the nanoseconds since the previous one.
         symbols: the truth of the atoms at the states of the block.
     """
 

@@ -48,7 +48,7 @@ class InstanceMonitor:
     Args:
         node_limit: a formula whose instances have more nodes together fails.
 
-    `histories` are the histories of its formulas, with whose fields states are extended first.
+    `histories` are the histories of its formulas; they first add their fields to each state.
     """
 
     def __init__(self, node_limit: int) -> None:
@@ -248,7 +248,7 @@ class InstanceMonitor:
     def _progress_with_batches(
         self, recording: Recording, steps: Array, symbols: RecordedSymbols
     ) -> tuple[int, dict[int, Outcomes]]:
-        """Do the same state by state, as it is fast for large batches."""
+        """Progress all instances state by state, which is fast for large batches."""
         pool, fields, states = self._pool, self._pool.fields, symbols.states
         try:
             batches = symbols.of_batches(pool)
@@ -334,7 +334,7 @@ class InstanceMonitor:
         for state in states:
             instance = state.instance
             gap = self.histories.gap_of(instance.atoms, instance.node.mask)
-            if gap is None or instance.node.looks_back:  # What it remembers has no gap.
+            if gap is None or instance.node.looks_back:  # Its own memory has no gap.
                 yield state
                 continue
             halves = list(map(self._begun, bounded_halves(instance, gap)))
@@ -367,7 +367,7 @@ class InstanceMonitor:
         self._new = [each for each in self._new if each.instance.formula_id not in formulas]
 
     def _check_limits(self, now: int) -> Mapping[int, Outcome]:
-        """Limit memory; return the errors of formulas that are too large, which are removed."""
+        """Limit memory; remove formulas that are too large, and return their errors."""
         for template in self._templates.values():
             if template.automaton.has_grown:
                 self._limit_memory(now)

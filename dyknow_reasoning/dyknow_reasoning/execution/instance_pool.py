@@ -1,4 +1,4 @@
-"""The pool of undecided instances: individual ones, and batches of those that are alike."""
+"""The pool of undecided instances: individual ones, and batches of similar ones."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Values that are kept: `let v = Speed in eventually[0 s, 3 s] Speed < v - 1`.
 
-At each state, `let` stands for its formula with the present value as a constant. So it has a slot
-of an atom, which progression replaces by this formula (`Progression.begin`). The atoms of the
-formula have slots of their own for as long as it is open. Example, in `always (p -> let ...)` with
-a state each second, where atom 2 is `p`, and what remains is shown beside the `always`:
+At each state, `let` stands for its formula with the present value as a constant. So `let` has the
+slot of an atom, and progression replaces the slot by this formula (`Progression.begin`). The atoms
+of the formula have slots of their own for as long as it is open. Example, `always (p -> let ...)`
+with a state each second; atom 2 is `p`, and the last column omits the `always`:
 
     state             slot of `let` is           atoms                  what remains
     0: p, Speed = 5   eventually[0 s, 3 s] 3     3: Speed < 5 - 1       eventually[to 3 s] 3
@@ -40,7 +40,7 @@ class KeptReader:
     Args:
         instance: the instance, whose atoms it changes.
         template: its template.
-        nodes: returns what may remain of the instance.
+        nodes: returns the possible remaining formulas of the instance.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class _AtomTable:
     """The atoms of an instance, by their slots.
 
     Args:
-        atoms: at first those of its formula.
+        atoms: at first, the atoms of its formula.
     """
 
     def __init__(self, atoms: list[Atom]) -> None:
@@ -124,7 +124,7 @@ class _AtomTable:
 
     def slot(self, atom: Atom) -> int:
         """Return the slot of an atom, a free one if it has none."""
-        name = str(atom)  # Other than the atom, it tells 1 from 1.0.
+        name = str(atom)  # The text tells 1 from 1.0; comparing atoms does not.
         slot = self._slots.get(name)
         if slot is None or not (self.used >> slot & 1 and self.names[slot] == name):
             slot = (~self.used & (self.used + 1)).bit_length() - 1

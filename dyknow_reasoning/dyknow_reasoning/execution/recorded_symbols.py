@@ -131,7 +131,7 @@ class SymbolSequence:
         )
 
     def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
-        """Return the index of the next state whose symbol is none of some, or the end."""
+        """Return the index of the next state whose symbol is not in `known`, or the end."""
         edges = self._edges.get(known)
         if edges is None:
             is_other = np.ones(len(self.symbols), bool)

@@ -24,8 +24,8 @@ _MOST_IDLE: Final = 16
 class SingleInstance:
     """An undecided instance, at a location with clocks.
 
-    `read` returns the truth of the atoms in `mask`, on which the instance depends now. States
-    before `wakes_at` at which it is one of `idle` change nothing.
+    `read` returns the truth of the atoms in `mask`, on which the instance depends now. A state
+    before `wakes_at` changes nothing if this truth is one of `idle`.
     """
 
     __slots__ = (

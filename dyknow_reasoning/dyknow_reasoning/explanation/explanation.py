@@ -1,7 +1,7 @@
 """Explanation of a verdict, for those who operate the robot.
 
 The explanation follows from the remaining formula before the deciding state and from this state.
-The only data that is kept for it is the time since which each window without an end is open.
+The only data kept for it are the opening times of the windows without an end.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class VerdictReasons:
     """The reasons of a verdict, for those who operate the robot.
 
     Args:
-        text: with objects, values, and the times of pending obligations.
+        text: the reasons, with objects, values, and the times of pending obligations.
         objects: the instance that decides the formula, `u = uav1`; empty if it has no variables.
         windows: the intervals in which the operators that the text names must hold or are
             awaited, in nanoseconds; to the deciding state if they have no end.
@@ -139,7 +139,7 @@ def explain(
         counts: the number of objects of each sort.
         verdict: the verdict on the instance that decides the formula.
         values: the values of the deciding state.
-        histories: those that the formula looks back to.
+        histories: the histories that the formula looks back to.
     """
     instance = verdict.instance
     windows: Mapping[tuple[int, int], None] = {}
@@ -179,7 +179,7 @@ class _Explainer:
         self._atoms = before.instance.atoms
         self._written_atoms = written_atoms(before.instance)
         self._intervals = _intervals(before.instance.node)
-        # Simplification may have joined some of these.
+        # Simplification may have joined some of these intervals.
         self._stated_intervals = {
             each.interval for each in walk(formula) if isinstance(each, FutureFormula)
         }
@@ -471,7 +471,7 @@ def objects_text(binding: Mapping[str, str]) -> str:
 
 
 def scope_text(formula: Formula, counts: Counts, binding: Mapping[str, str], *, holds: bool) -> str:
-    """Return for which objects a formula is true or false, as the begin of its explanation.
+    """Return the beginning of an explanation: for which objects a formula is true or false.
 
     Args:
         formula: the formula.

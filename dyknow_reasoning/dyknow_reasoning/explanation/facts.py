@@ -35,9 +35,9 @@ class PastStates:
     """The states up to one at which a past operator is explained, as far as they are known.
 
     Args:
-        now: the valid time of this state, in nanoseconds.
-        previous: of the state before; None if it is unknown.
-        first: of the first state that the operator looks back to; None if it is unknown.
+        now: the valid time of the explained state, in nanoseconds.
+        previous: the valid time of the state before; None if it is unknown.
+        first: the valid time of the first state that the operator looks back to; None if unknown.
     """
 
     now: int
@@ -115,9 +115,9 @@ class SpatialFact:
     """The reason why a spatial operator holds or not at a state.
 
     Args:
-        atom: the operator from one object on.
-        truths: what it shares with the operators from other objects on.
-        values: of the state.
+        atom: the operator, starting from one object.
+        truths: the truth that it shares with the operators that start from other objects.
+        values: the values of the state.
     """
 
     def __init__(self, atom: SpatialAtom, truths: SpatialTruths, values: Values) -> None:

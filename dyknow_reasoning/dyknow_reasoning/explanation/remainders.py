@@ -1,8 +1,8 @@
 """The remaining formulas of undecided formulas, between two states.
 
 The bounds of windows count from numbered states. For windows without an end, progression only
-records since when a window with these sides is open. That is the time at which it was reached,
-unless one window can close at the same state at which another one with the same sides opens.
+records since when a window with given sides is open. The window was reached at that time, unless
+one window can close at the state at which another window with the same sides opens.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Remainders:
         return text_of(states, latest)
 
     def nodes(self, formula_id: int) -> list[Node]:
-        """Return what remains of the instances of an undecided formula; none if it waits."""
+        """Return what remains of the instances of an undecided formula; empty if it waits."""
         return [state.node for state in self._of(formula_id)]
 
     def _of(self, formula_id: int) -> Sequence[InstanceState]:
@@ -86,7 +86,7 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
     """Return the text that remains of a formula.
 
     Args:
-        states: of its undecided instances, at least one.
+        states: the states of its undecided instances, at least one.
         latest: the valid time of the latest state, in nanoseconds.
     """
     shown = list(_first(states))
@@ -106,10 +106,10 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
 
 
 def possible_text(formula: PossibleFormula, latest: int) -> str:
-    """Return what remains in one case, and for want of which values there are others.
+    """Return what remains in one case, and which unknown values make other cases possible.
 
-    It says which verdict is no longer possible: what remains decides on the other one. It also says
-    which value decides alone.
+    The text says which verdict is impossible now: what remains decides on the other verdict. It
+    also names a value that decides alone.
 
     Args:
         formula: has met open values.
@@ -136,8 +136,9 @@ def _first(states: Iterable[InstanceState]) -> Iterator[InstanceState]:
 def windows_of_known_origin(formula: Node) -> frozenset[Sides]:
     """Return the windows without an end that are open one at a time.
 
-    These are the windows that are reached at the first state only. Also, below windows of one kind,
-    those whose end decides all of the formula or satisfies the next one at the same state.
+    These are the windows that are reached at the first state only. Below windows of one kind, they
+    are also the windows whose end decides the whole formula, or satisfies the next window at the
+    same state.
 
     Args:
         formula: a formula that has seen no state.

@@ -58,7 +58,7 @@ _NOT_AROUND: Final = PastFormula | PastTerm | SpatialSyntax | Soon
 """Nodes that may neither contain a formula with a kept value nor be inside one."""
 
 MAX_TERM_PARTS: Final = 100
-"""The most parts of a term whose value is kept: each use of the name has a copy of them."""
+"""The most parts of a term whose value is kept: each use of the name copies the term."""
 
 
 def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units]:
@@ -66,7 +66,7 @@ def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units
 
     Args:
         formula: nests no deeper than functions may recurse.
-        constants: those that the formula does not define.
+        constants: the constants that the formula does not define.
 
     Raises:
         PositionedError: for a name that is a constant and something else, or two constants.

@@ -294,7 +294,7 @@ class Let(SyntaxNode):
         constants: the values by their names.
         units: the unit of each feature, by its name, or of a reference, by its text.
         body: the formula.
-        uncertainties: what is known of the values of features, by name.
+        uncertainties: the stated errors of features, by name.
     """
 
     constants: tuple[tuple[Object, Term], ...]
@@ -309,7 +309,7 @@ class Freeze(SyntaxNode):
     """A formula about the value that a term has at the state at which it is reached.
 
     Args:
-        name: of the value; a `Kept` in the body is its use.
+        name: the name of the value; a `Kept` in the body uses it.
         term: the term.
         body: the formula.
     """
@@ -398,7 +398,7 @@ def balanced(node: Any) -> Any:
 
 
 def _chain(node: Formula | Term) -> str | None:
-    """Return the operator of a node, if brackets among several of it have no meaning."""
+    """Return the operator of a node, if it is associative."""
     operator = getattr(node, 'symbol' if isinstance(node, And | Or) else 'operator', None)
     return operator if operator in {'and', 'or', '+'} else None
 

@@ -148,9 +148,9 @@ def _conditions(
 
 
 def with_numbers(node: Any) -> Any:
-    """Return a formula in which texts of messages are numbers where these are wanted.
+    """Return a formula in which texts of messages become numbers where it wants numbers.
 
-    These are the texts in structs that are found by keys, as in diagnostics; see `number_of`.
+    This concerns texts in structs that are found by keys, as in diagnostics; see `number_of`.
     """
     node = with_changed_parts(node, with_numbers)
     match node:

@@ -60,7 +60,7 @@ _CORRECTIONS: Final = {
     '=<': '<=',
     '<>': '!=',
 }
-"""Words of other languages, and mistakes; the closest of these words is proposed for others."""
+"""Words of other languages, and mistakes; for an unknown word, the closest word is proposed."""
 
 _BEFORE_OPERAND: Final = rf'(?:^|[^\w\s)\]"]|\b(?:{"|".join(FORMULA_WORDS)}))\s*'
 

@@ -1,7 +1,7 @@
 """Numbers with units of measurement, converted to the units of the features beside them.
 
-Terms that are compared, added or subtracted must have one unit, that of the first one that is not
-a number. Numbers are converted, values of features never. Example, where `Distance` is in m and
+Terms that are compared, added or subtracted must have one unit: the unit of the first term that is
+not a number. Numbers are converted, values of features never. Example, where `Distance` is in m and
 `Time` in s:
 
     Distance[u] - 1 km < Time[u] * 10 m/s      1 km beside Distance[u] is 1000.0, in m
@@ -61,11 +61,11 @@ _NO_UNIT = 'give the feature its unit, let {name}: UNIT in ..., or write a plain
 def with_converted_numbers(formula: Formula, units: Units) -> Formula:
     """Return a formula in which numbers have no units.
 
-    Without any units, comparisons of features keep theirs: the units may be stated later.
+    If no units are given, numbers beside features keep their units: these may be stated later.
 
     Args:
-        formula: without `let`.
-        units: of the features and references, by name; empty for one that is a pure number.
+        formula: a formula without `let`.
+        units: the units of features and references, by name; empty for a pure number.
 
     Raises:
         PositionedError: for a number that does not convert, or beside something without a unit.
@@ -93,8 +93,8 @@ def mixed_units(formula: Formula, units: Mapping[str, str]) -> Iterator[tuple[Fe
     """Yield features that stand beside each other, though their numbers mean different units.
 
     Args:
-        formula: whose comparisons, sums and functions of alike operands are searched.
-        units: of features, by name; empty for one that is a pure number.
+        formula: searched for comparisons, sums and functions of operands of one unit.
+        units: the units of features, by name; empty for a pure number.
     """
     for node in walk(formula):
         match node:
@@ -127,7 +127,7 @@ def _are_equal(one: str, other: str) -> bool:
 
 
 _RESULTS: Final = {'sin': None, 'cos': None, 'atan2': 'rad'}
-"""The units of functions whose unit is not their first operand's; None: plain numbers."""
+"""The units of functions that do not take their first operand's unit; None: plain numbers."""
 
 _EXPONENTS: Final = frozenset({0.5, *range(-99, 100)})
 """The exponents that a unit may have."""

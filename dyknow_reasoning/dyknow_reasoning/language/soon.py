@@ -6,11 +6,11 @@ value that the forecast allows from now until the horizon, such as `Altitude_low
 interval arithmetic: it is an alarm, which says that p is *possible*. So the example is written out
 to `Altitude_high_5s[u] > 120`, and is a condition of one state like any other.
 
-With one feature compared with a constant by `<`, `<=`, `>`, `>=` or `!=`, and with `or` of such
-comparisons, it is true exactly if an interval of the forecast at one of its times intersects p.
-With `=`, in a conjunction and in a term of several features, each has the interval of the whole
-window, so `soon` may be true although no time allows all at once. It is never false although one
-does.
+If p compares one feature with a constant by `<`, `<=`, `>`, `>=` or `!=`, or is an `or` of such
+comparisons, `soon` is exact: it is true if and only if the interval of the forecast at some time
+allows p. With `=`, in a conjunction and in a term of several features, each feature has the
+interval of the whole window. Then `soon` may be true although no single time allows p, but it is
+never false if some time does.
 """
 
 from __future__ import annotations

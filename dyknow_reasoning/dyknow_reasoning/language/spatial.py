@@ -6,7 +6,7 @@
 spatial operators in its body look, at first `r`. An operator moves this variable along the links.
 
 Operators as in E. Bartocci, L. Bortolussi, M. Loreti, L. Nenzi, "Monitoring mobile and spatially
-distributed cyber-physical systems" (MEMOCODE 2017); the distance of an object is that of the
+distributed cyber-physical systems" (MEMOCODE 2017); the distance of an object is the length of the
 shortest route to it.
 """
 
@@ -148,9 +148,9 @@ class Spatial(SyntaxNode):
 
     Args:
         operator: `somewhere`, `everywhere`, `escape` or `reach`.
-        distances: of the objects that it reaches.
-        left: what holds along the route, but at its end; None without it.
-        right: what holds at its end; of `escape`, along the whole route.
+        distances: the distances of the objects that it reaches.
+        left: the formula along the route, but not at its end; None without it.
+        right: the formula at the end of the route; for `escape`, along the whole route.
         place: the variable that stands for the object.
         links: the links.
     """
@@ -174,7 +174,7 @@ class Spatial(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class SpatialAtom(SyntaxNode):
-    """A spatial operator from one object on, whose operands are about one state.
+    """A spatial operator, starting from one object; its operands are about one state.
 
     Args:
         formula: the operator, without variables but its own.

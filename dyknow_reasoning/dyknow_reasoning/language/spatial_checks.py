@@ -21,9 +21,9 @@ def with_links(formula: Formula) -> Formula:
     """Return a formula whose spatial operators know their links.
 
     Raises:
-        PositionedError: for an operator that no `over` encloses, measures what has no length, or
-            has an operand about other states where it needs the present one; for links that do not
-            depend on the present state alone.
+        PositionedError: for an operator that no `over` encloses, that measures links without a
+            length, or that has an operand about other states where it needs the present one; for
+            links that do not depend on the present state alone.
     """
     found: Formula = _with_links(formula, None)
     return found

@@ -1,4 +1,4 @@
-"""Operators that are written with others; the canonical text shows these.
+"""Operators that are defined by other operators; the canonical text shows the definition.
 
 `until` of the paper is open at both ends. The operators here are from MTL and MLTL, in which
 the left side must hold from the present state on:
@@ -79,7 +79,7 @@ def spatial(
 def holds_until(
     left: Formula, right: Formula, interval: Interval = ALL_FUTURE, *, position: TextPosition
 ) -> Formula:
-    """Return `until` whose left side must hold from the present state to before the right one."""
+    """Return an `until` whose left side must hold from now until just before the right side."""
     return checked_size(_holds_until(left, right, interval, position), 'holds until')
 
 

@@ -157,12 +157,12 @@ class Arithmetic(Operation):
 
 @dataclass(frozen=True, slots=True)
 class Function(SyntaxNode):
-    """A function of numbers, `hypot(x, y)`; of `count`, the operands are atoms.
+    """A function of numbers, `hypot(x, y)`; the operands of `count` are atoms.
 
     Args:
-        name: of the function.
+        name: the name of the function.
         arguments: the operands.
-        aggregate: whose operands for all objects these are; it is shown instead.
+        aggregate: if given, the operands are its body for all objects; the text shows it instead.
     """
 
     name: str
@@ -206,7 +206,7 @@ class Aggregate(Quantifier):
     """A function of a number for each object of a sort, `max(Speed[r] for r in Robot)`.
 
     Args:
-        function: of the values; of `count`, the body is a comparison or a boolean feature.
+        function: the function of the values; for `count`, the body is a comparison or a boolean.
     """
 
     function: str
@@ -227,7 +227,7 @@ class PastTerm(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class ValueBefore(PastTerm):
-    """The value of a term at the state before; there is none at the first state."""
+    """The value of a term at the state before; the first state has none."""
 
     def __str__(self) -> str:
         return f'prev({self.body})'
@@ -275,9 +275,9 @@ class Uncertain(SyntaxNode):
     Args:
         mean: the best estimate.
         deviation: the standard deviation of the error, in the unit of the estimate.
-        time_constant: of the error as a first-order Gauss-Markov process, in nanoseconds; 0: the
-            errors at different states are independent. With one, errors of different numbers are
-            independent, too. None: nothing is known about correlation.
+        time_constant: the time constant of the error as a first-order Gauss-Markov process, in
+            nanoseconds; 0: errors at different states are independent. None: nothing is known
+            about correlation. Unless None, errors of different numbers are independent, too.
         covariances: with the errors of other numbers at the same state, whatever the time constant.
     """
 
@@ -303,7 +303,7 @@ class Bounded(Uncertain):
 
 @dataclass(frozen=True, slots=True)
 class Sampled(Uncertain):
-    """A number with known independent samples, which are the text `deviation`."""
+    """A number with known independent samples; the text `deviation` lists them."""
 
     def __str__(self) -> str:
         return f'sampled({self.mean}, {self.deviation})'

@@ -1,7 +1,7 @@
 """Inference of the kind of value of each feature in a formula, from its uses.
 
-Features are not declared: a feature that is compared with a number is a number, one that stands
-alone is a boolean. A kind that the formula leaves open follows from the values in the states:
+Features are not declared: a feature that is compared with a number is a number, and a feature that
+stands alone is a boolean. A kind that the formula leaves open follows from the values in states:
 
     p and q = "a" and r = s      p is a boolean, q a string; r and s are open, but of one kind
 """
@@ -256,7 +256,7 @@ def _check_feature(node: terms.Feature, variables: set[str], objects: set[str]) 
 
 
 def _check_sorts(quantifiers: Sequence[terms.Quantifier], nodes: list[Formula | Term]) -> None:
-    """Check that each variable without a sort is an argument of a feature, which has one."""
+    """Check that each variable without a sort is an argument of a feature, to get its sort."""
     arguments = {
         each.name for node in nodes if isinstance(node, terms.Feature) for each in node.arguments
     }
@@ -360,7 +360,7 @@ def _computed_kind(reference: terms.FieldReference) -> Kind | None:
 
 
 def _valued(term: Term) -> Term:
-    """Return the term whose value it is, now or before."""
+    """Return the term whose present or earlier value a term is."""
     return _valued(term.body) if isinstance(term, terms.ValueBefore | terms.Kept) else term
 
 

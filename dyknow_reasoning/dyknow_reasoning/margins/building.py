@@ -140,13 +140,13 @@ class MarginBuilder:
     Args:
         kinds: the kinds of the features of the formula.
         domains: the objects of each sort.
-        limit: of the number of operators; each `<->` doubles the operators of both sides.
+        limit: the most operators; each `<->` doubles the operators of both sides.
         links: reads the links of spatial operators.
 
     Attributes:
         signals: the margins of the comparisons and other atoms, and of negated ones, and links.
         atoms: the texts of the comparisons, by number.
-        fields: the names of their fields.
+        fields: the names of the fields of the comparisons.
         past: the comparisons with values of the past.
         operators: the number of operators that were built, for each object.
     """
@@ -400,7 +400,7 @@ def _exchanged(formula: Forall | Exists) -> Always | Eventually:
 
 
 def _decisive(number: int, count: int) -> Robustness | None:
-    """Return the margin of one of some members that decides."""
+    """Return the margin of a member that decides a count by itself; None if no margin does."""
     if number == count:
         return LOWEST
     return HIGHEST if number == 1 else None

@@ -52,17 +52,17 @@ _EXACT_LIMIT = 1 << 53
 
 
 class StateReader(Protocol):
-    """What the operators of a formula need of a state."""
+    """Reader of a signal (a margin, a link) that the operators of a formula need of a state."""
 
     def read(self, values: Values) -> Any:
-        """Return it; raise `UNUSABLE`."""
+        """Return the signal at a state; raise `UNUSABLE`."""
 
     def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
-        """Return it, or a bound of it where the values are unusable.
+        """Return the signal at a state, or a bound of it if the values are unusable.
 
         Args:
-            values: of the features; an UnknownValueError for one that is unknown.
-            unknown: the least or the greatest margin, of which a bound is returned.
+            values: the values of the features; an UnknownValueError for an unknown value.
+            unknown: the least margin for a lower bound, the greatest margin for an upper bound.
             range_of: returns the bounds of an unknown feature.
         """
 

@@ -84,10 +84,10 @@ class BoundedMargins(ABC):
         formula: the formula.
         kinds: the kinds of its features.
         domains: the objects of each sort.
-        limit: of the number of operators.
-        past: reads values of the past; needed for a formula with such.
+        limit: the most operators.
+        past: reads values of the past; needed for a formula with such values.
         unknown: the features that may be unknown.
-        links: reads the links of spatial operators; needed for a formula with such.
+        links: reads the links of spatial operators; needed for a formula with such operators.
 
     Attributes:
         fields: the names of the fields that it reads.

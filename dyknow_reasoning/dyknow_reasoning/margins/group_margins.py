@@ -42,7 +42,7 @@ class GroupMargins:
         Args:
             formula_id: the id of the formula.
             formula: the formula.
-            looks_back: True if it looks back to states before those; their margins are not known.
+            looks_back: True if it looks back to earlier states; their margins are not known.
 
         Raises:
             ReasoningError: for a formula with a part that has no margin, or one that is too large.
@@ -101,7 +101,7 @@ class GroupMargins:
         return found
 
     def forget(self, formula_id: int) -> None:
-        """End with a formula whose margin is not known from now on."""
+        """End the margin of a formula; it is unknown from now on."""
         if self.running.pop(formula_id, None):
             self._ended[formula_id] = Margin()
 

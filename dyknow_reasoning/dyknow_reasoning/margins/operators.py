@@ -12,10 +12,10 @@ a lower bound of the margins of the parts gives a lower bound of the margin. Whe
 in a gap and in the future, a part has the margin -inf for the lower bound, and inf for the upper
 one. Two copies of the operators compute the two bounds from there on.
 
-Unknown states in a gap are one step, from the first nanosecond of the gap to the last. Such a step,
-from now on for ever, ends all windows, and gives the bounds at any time: `open_margins` returns
-what each operator would, without changing it. Most windows that are open have the margin of what is
-unknown, or one beyond a limit that decides, so few margins are computed.
+Unknown states in a gap are one step, from the first nanosecond of the gap to the last. An unknown
+step from now on for ever would end all windows, and so give the bounds at any time: `open_margins`
+returns what each operator would return then, without changing it. Most open windows have the
+unknown margin, or one beyond a limit that decides, so few margins are computed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Reader: TypeAlias = Callable[[Signals], Any]
 
 
 def _until(steps: Sequence[Step], last: float) -> Sequence[Step]:
-    """Return the steps, of at least one, that begin until a time."""
+    """Return the steps that begin until a time; at least one step must be given."""
     if steps[-1][0] <= last:
         return steps
     return steps[: bisect_right(steps, last, key=itemgetter(0))]
@@ -58,8 +58,8 @@ class Assumption:
     """An unknown margin.
 
     Args:
-        unknown: None if a step needs none, as all is known.
-        is_needed: set by an operator that would need one.
+        unknown: the margin; None for a step at which all is known.
+        is_needed: set by an operator that would need the margin.
     """
 
     unknown: Robustness | None = None
@@ -71,7 +71,7 @@ class MarginOperator(Copyable, ABC):
 
     Args:
         parts: the operators of its parts.
-        width: the number of objects. Margins of one object are tuples, of many arrays.
+        width: the number of objects. Margins of one object are tuples; of several, arrays.
         end: the last time at which margins of the parts count, in nanoseconds after the state.
 
     Attributes:
@@ -97,23 +97,23 @@ class MarginOperator(Copyable, ABC):
 
         Args:
             steps: consecutive states and gaps, with the margins of the comparisons, None for a
-                gap; at least one. Of many, each operator needs a few calls.
-            assumption: the margin of what is unknown.
+                gap; at least one. For many steps, each operator needs only a few calls.
+            assumption: the unknown margin.
         """
 
     @abstractmethod
     def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
-        """Return the margins that were not returned by `step` yet, if the future is unknown.
+        """Return the margins that `step` has not returned yet, if the future is unknown.
 
         Margins that reach the threshold may be inexact, and the last ones may be missing; callers
-        use only those short of it.
+        use only margins short of the threshold.
         """
 
     def stable_until(self, threshold: MarginThreshold) -> float:  # noqa: ARG002
         """Return a time before which no margin falls short of a threshold, if its guards hold.
 
-        That is for those that were not returned by `step` yet and reach it at present, and for
-        those at later states. The guards are added to the threshold.
+        This concerns margins that `step` has not returned yet and that reach the threshold at
+        present, and margins at later states. The guards are added to the threshold.
         """
         return -inf
 
@@ -217,7 +217,7 @@ class PairMargin(JunctionMargin):
 
     Args:
         left: the operator of one formula.
-        right: of the other one.
+        right: the operator of the other formula.
     """
 
     def __init__(self, left: MarginOperator, right: MarginOperator) -> None:
@@ -270,7 +270,7 @@ class PreviousMargin(MarginOperator):
 
     Args:
         body: the operator of the formula.
-        without: the margin at the first state, which has none before it.
+        without: the margin at the first state, which has no state before it.
     """
 
     def __init__(self, body: MarginOperator, without: Robustness) -> None:
@@ -300,11 +300,11 @@ class PreviousMargin(MarginOperator):
 
 
 MAX_WAITING = 50_000
-"""The states of one operator whose margins may be unknown yet. Of more, only bounds are kept."""
+"""The most states of an operator with pending margins. With more, only bounds are kept."""
 
 
 class TemporalMargin(MarginOperator):
-    """A formula over a window of each state, or of the first state alone: `since`, and others.
+    """A temporal operator over a window of each state, or of the first state alone.
 
     Args:
         body: the operator of the formula in the window.
@@ -381,9 +381,9 @@ class TemporalMargin(MarginOperator):
         return True
 
     def _margins_of_ended(self, threshold: MarginThreshold) -> Sequence[Any]:
-        """Return the margins of the states whose windows have ended, if all others reach it.
+        """Return the margins of ended windows, if the margins of all others reach the threshold.
 
-        A margin of the body that reaches the threshold does so for each window that contains it.
+        If a margin of the body reaches the threshold, so does each window that contains it.
         """
         if cast('int', self._states[0]) + self.end > self._now:
             return ()

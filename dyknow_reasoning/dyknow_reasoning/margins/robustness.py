@@ -57,7 +57,7 @@ def extremum(*, universal: bool, width: int = 1) -> Extremum:
 
 
 def of_all(margin: Robustness, width: int) -> Any:
-    """Return a margin as the one of each object."""
+    """Return one margin for all objects."""
     return margin if width == 1 else np.full(width, _complex(margin))
 
 
@@ -74,15 +74,15 @@ def scalar(margin: Any) -> Robustness:
 class MarginThreshold:
     """A limit of margins, with the direction in which they may be inexact.
 
-    Margins *reach* the limit if they are at it or beyond it, towards those that are unknown.
+    Margins *reach* the limit if they are at it or beyond it, in the direction of `unknown`.
 
     Args:
         limit: the limit.
         unknown: the margin of all that is unknown: `LOWEST` for lower bounds, else `HIGHEST`.
 
     Attributes:
-        guards: conditions on the margins of the comparisons at each later state, under which what
-            was found stays true.
+        guards: conditions on the margins of the comparisons at each later state; while they hold,
+            the result stays true.
     """
 
     def __init__(self, limit: Robustness, unknown: Robustness) -> None:
@@ -114,11 +114,11 @@ def as_float(value: float) -> float:
 
 
 def at_least(number: int, count: int, width: int) -> Callable[[Any], Any]:
-    """Return a function of margins that returns the one of "at least a number of these hold".
+    """Return a function of margins that returns the margin of "at least a number of them hold".
 
     Args:
         number: the number, at least 1.
-        count: the number of margins, not less; these are given as one sequence.
+        count: the number of margins, not less than `number`; they are given as one sequence.
         width: the number of objects of each margin.
     """
     if width > 1 and count == 2:  # noqa: PLR2004 - faster than to reduce them

@@ -1,13 +1,13 @@
-"""Margins of spatial operators: of the best route, the least margin of the objects on it (STREL).
+"""Margins of spatial operators: the least margin of the objects on the best route (STREL).
 
-A link exists or not, by however much: only operands have margins. The margin of
+A link exists or not, it has no margin: only operands have margins. The margin of
 
     F reach[20 m, 50 m] G
 
-at r is the greatest, over all objects s, of the least of the margin of G at s, and of that of
-reaching s. This is the greatest, over all routes to s of at most 50 m, of the least margin of F on
-the route, but at s; and no route through objects with F may be shorter than 20 m: it is at most
-minus the greatest such margin of a route below 20 m.
+at r is the maximum over all objects s of min(margin of G at s, margin of reaching s). The margin of
+reaching s is the greatest margin of a route to s of at most 50 m; the margin of a route is the
+least margin of F on it, except at s. In addition, no route through objects with F may be shorter
+than 20 m: the margin of reaching s is at most minus the greatest margin of a route below 20 m.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class LinkSignal:
     """The lengths of links at a state.
 
     Args:
-        readers: of the lengths, for each choice of other objects.
+        readers: read the lengths, one reader for each choice of other objects.
     """
 
     def __init__(self, readers: Sequence[Callable[[Values], Array]]) -> None:
@@ -82,7 +82,7 @@ class SpatialMargin(JunctionMargin):
 
 @dataclass(frozen=True, slots=True)
 class Routes:
-    """The margins of reaching each object, from some objects on.
+    """The margins of reaching each object from some objects.
 
     Args:
         formula: the spatial operator.
@@ -145,8 +145,8 @@ class Ends:
         """Return the margins.
 
         Args:
-            members: the margins of the operand at each object; none if routes have it throughout.
-                The margins of the routes to these, or their truth.
+            members: the margins of the operand at each object (left out if the operand holds along
+                the whole route), and last, the margins of the routes to the objects, or their truth.
         """
         *operands, routes = members
         width = len(self.origins)
@@ -163,12 +163,12 @@ class Ends:
 
 
 def widest(lengths: Array, margins: Array, keeps: Callable[[Array], Array]) -> Array:
-    """Return for each two objects the greatest margin of the routes whose length keeps a limit.
+    """Return for each pair of objects the greatest margin of the routes whose length keeps a limit.
 
-    The margin of a route is the least one of the objects on it, but at its end. The shortest
-    routes are found by the algorithm of Floyd and Warshall, which allows one object after the
-    other on them: in the order of falling margins, the first route that keeps the limit is one
-    with the greatest margin.
+    The margin of a route is the least margin of the objects on it, except its end. The algorithm
+    of Floyd and Warshall finds the shortest routes, and allows one more object on them at a time.
+    Objects come in the order of falling margins, so the first route that keeps the limit has the
+    greatest margin.
     """
     order = np.argsort(margins)[::-1]
     found, each = lengths.copy(), np.arange(len(lengths))

@@ -3,15 +3,15 @@
 The margins from the states on are known in the order of the states, some of them long after the
 verdict: `always[0 s, 10 s] x < 5` fails with the first x above 5, and its margin is known 10 s
 later. Consecutive states with margins below zero belong to one episode, as the formula is false
-from each of them on. So of these only the least margin is kept. Example, with the formula `x < 5`:
+from each of them on. So only their least margin is kept. Example, with the formula `x < 5`:
 
     state       0       1       2       3       4       5
     x           4       6       9       5       5       4
     margin      1      -1      -4       0       0       1
     kept                -4 (1 to 2)     0 (3 to 4)
 
-From states with the margin zero on, a formula is true or false; one below other bounds may be
-either. Such states are joined if their bounds are the same, so a part of them has these bounds too.
+At the margin zero, a formula may be true or false; so it may if the bounds of the margin leave the
+verdict open. Such states are joined if their bounds are equal: each part then has these bounds.
 """
 
 from __future__ import annotations
@@ -102,8 +102,8 @@ class StandingMargin(BoundedMargins):
         """Return the bounds of the least margin from the states of each episode on.
 
         Args:
-            episodes: the numbers of the first and the last state. The formula is false from all of
-                them on, and from none of those beside them.
+            episodes: the numbers of the first and the last state of each. The formula is false from
+                all states of an episode on, and not from the states beside it.
         """
         self._process()
         runs = [*self._runs, *self._open_runs()]
@@ -115,7 +115,7 @@ class StandingMargin(BoundedMargins):
         return found
 
     def forget(self, before: int) -> None:
-        """Forget what is known of the states before the one of a number."""
+        """Forget the margins of the states before a number."""
         while self._runs and self._runs[0].last < before:
             self._runs.popleft()
 

@@ -10,9 +10,9 @@ of 3 states, with the margins that are kept:
     greatest    4       4       4       3
 
 `until` and `since` compose states. A state with the margins g and f of the right and the left side
-maps the margin w of the states beyond it to max(g, min(f, w)). Two such maps compose to one of the
-same form, so a window is a product, which two stacks (`Product`) maintain. So is a window over the
-margins of many objects.
+maps the margin w of the states beyond it to max(g, min(f, w)). Two such maps compose to a map of
+the same form. So a window is a product, also for the margins of many objects, and two stacks
+maintain it (`Product`).
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ class Product(Copyable):
     """The product of the margins of a queue of steps, by an associative operation.
 
     Args:
-        operation: of an earlier and a later margin.
-        keeps_steps: False if none is ever removed.
+        operation: combines an earlier and a later margin.
+        keeps_steps: False if no step is ever removed.
 
     Attributes:
-        steps: those that are kept.
+        steps: the steps that are kept.
     """
 
     def __init__(self, operation: Callable[[Any, Any], Any], *, keeps_steps: bool) -> None:
@@ -211,7 +211,7 @@ class PairWindow(MarginWindow):
     def latest_break(self, threshold: MarginThreshold) -> float:
         """Return the time until which margins of states do not depend on later steps.
 
-        There, the right side reaches a threshold, or the left side falls short of it.
+        At that time, the right side reaches a threshold, or the left side falls short of it.
         """
         for _, last, (left, right) in reversed(self._inside.steps):
             if threshold.reached_by(right):
@@ -239,7 +239,7 @@ class UntilWindow(PairWindow):
 
     def __init__(self, start: float, end: float, order: Extremum, *, once: bool = False) -> None:
         super().__init__(start, end, order, _until(order), once=once)
-        # The right side of the state, if it is needed at one alone and in its own window.
+        # The right side at the state, if only one state is needed, and its window includes it.
         self._own = order.neutral
 
     def enter(self, step: Step, state: int) -> None:
@@ -275,7 +275,7 @@ class SinceWindow(PairWindow):
 
     def __init__(self, start: float, end: float, order: Extremum) -> None:
         super().__init__(start, end, order, _since(order))
-        # Steps after the window count for the left side, so those until the state enter.
+        # Steps after the window count for the left side, so all steps up to the state enter.
         self.end, self._window_end = 0, end
         self._current: Step | None = None
 

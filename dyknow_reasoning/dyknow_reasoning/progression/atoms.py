@@ -173,7 +173,7 @@ def has_unknown_kind(atom: Comparison, kinds: Kinds) -> bool:
 
 
 def _present(term: Term) -> Term:
-    """Return the term whose value at the state before it is, if it is one."""
+    """Return the term whose earlier value a term is; the term itself if it has no `prev`."""
     return _present(term.body) if isinstance(term, ValueBefore) else term
 
 

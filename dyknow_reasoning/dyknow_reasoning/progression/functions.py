@@ -1,9 +1,9 @@
 """Functions of numbers, over single values and over vectors, with the same results to the bit.
 
 Absolute values, extremes and square roots are exact or rounded correctly, by Python as by numpy.
-The others differ between the two, so vectors apply the function of Python to each element. Only
-`hypot` of two operands is that of numpy for single values, too: it is the distance of each pair of
-many objects.
+Other functions differ between the two, so vectors apply the Python function to each element. Only
+`hypot` of two operands is the numpy function for single values, too, as it computes the distances
+of all pairs of many objects.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from dyknow_reasoning.errors import ReasoningError
 
 EXACT: Final = 1 << 53
-"""The smallest absolute value from which on some integers are not floats."""
+"""From this absolute value on, a float cannot hold every integer."""
 
 _PAIR: Final = 2
 
@@ -31,7 +31,7 @@ def call_function(name: str, values: Sequence[_Number]) -> _Number:
     """Return the value of a function.
 
     Raises:
-        ReasoningError: if it has none.
+        ReasoningError: if the function has no value.
     """
     try:
         result = _FUNCTIONS[name](*values)
@@ -46,7 +46,7 @@ def call_function(name: str, values: Sequence[_Number]) -> _Number:
 def call_function_on_vectors(name: str, vectors: Sequence[Any]) -> _Array:
     """Return the values of a function for vectors and single numbers; NaN where it has none.
 
-    The integers must be small enough for a float to be exact.
+    All integers must be smaller than `EXACT`, so that floats hold them exactly.
     """
     with np.errstate(all='ignore'):
         if name in _VECTOR_FUNCTIONS and not (name == 'hypot' and len(vectors) > _PAIR):

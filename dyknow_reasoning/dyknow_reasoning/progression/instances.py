@@ -107,7 +107,7 @@ class Instance:
         atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`. A formula about
             a kept value has a slot, too (see `execution.kept_values`).
         node: the formula over these slots.
-        source: the formula that it is an instance of.
+        source: the formula in the text that this is an instance of.
     """
 
     binding: Binding
@@ -207,7 +207,7 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
 
 
 def with_origin(formula: Over, binding: Binding) -> Binding:
-    """Return a binding in which the variable of links is the object from which they lead."""
+    """Return a binding in which the variable of links is the object that they start from."""
     origin: str = ground(formula.origin, binding, {}).name
     return {**binding, formula.variable: origin}
 
@@ -391,7 +391,7 @@ class Translator:
 
 
 class _Recorder(Translator):
-    """A translator that records for which part of the formula each node stands."""
+    """A translator that records the part of the formula that each node stands for."""
 
     def __init__(self, store: NodeStore, domains: Domains) -> None:
         super().__init__(store, domains)
@@ -419,7 +419,7 @@ class PastOperands:
     Args:
         atoms: the atom of each slot.
         left: the left side of `since`; true for other operators.
-        right: the right side; for `historically F`, its negation, as that is `not once not F`.
+        right: the right side; for `historically F`, it is `not F`, as in `not once not F`.
         value: the truth of the operator if it is the same at all states.
     """
 
@@ -432,7 +432,7 @@ class PastOperands:
 def ground_nodes(
     formulas: Iterable[Formula], store: NodeStore
 ) -> tuple[tuple[Atom, ...], list[Node]]:
-    """Return the atom of each slot, and the nodes of ground formulas over these."""
+    """Return the atom of each slot, and the nodes of ground formulas over these slots."""
     translator = Translator(store, {})
     nodes = [translator.node(each, {}) for each in formulas]
     return tuple(translator.slots), nodes

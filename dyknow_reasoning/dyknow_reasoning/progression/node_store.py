@@ -91,7 +91,7 @@ class NodeStore:
     def remembering(
         self, formula: Node, memories: tuple[Memory, ...], *, is_fresh: bool = False
     ) -> Node:
-        """Return a formula, which may be fresh, with the memories of its past operators."""
+        """Return a formula with the memories of its past operators; the formula may be fresh."""
         return self._stored(Remembering, formula, memories, is_fresh)
 
     def at_least(self, count: int, members: Iterable[Node]) -> Node:

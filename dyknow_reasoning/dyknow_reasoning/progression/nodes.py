@@ -93,8 +93,8 @@ class Window(_NodeBase):
 class PastWindow(_NodeBase):
     """`left since[start, end] right`, or its dual if universal, over operands with a future.
 
-    Past operators over other operands are atoms. No end is infinite; both are in nanoseconds. With
-    a start of None, the window is the state before, as that of `previous`.
+    Past operators over other operands are atoms. No bound is infinite; both are in nanoseconds.
+    If the start is None, the window is the state before, as for `previous`.
     """
 
     universal: bool
@@ -199,8 +199,8 @@ class Remembering(_NodeBase):
 
     Args:
         formula: the formula.
-        memories: of its past operators.
-        is_fresh: True if the formula has seen no state; its past operators have.
+        memories: the memories of its past operators.
+        is_fresh: True if the formula has seen no state; its past operators have seen some.
     """
 
     formula: Node
@@ -266,7 +266,7 @@ def has_windows(*nodes: Node) -> bool:
 def reachable(
     roots: Iterable[Node], parts_of: Callable[[Node], tuple[Node, ...]]
 ) -> dict[Node, None]:
-    """Return the nodes and all that they consist of, as a function gives the parts of each."""
+    """Return the nodes and all their parts; a function gives the direct parts of each node."""
     found: dict[Node, None] = {}
     pending = list(roots)
     while pending:

@@ -1,16 +1,16 @@
 """The memory of each past operator, over operands that each state decides.
 
-A memory takes the truth of the operands at each state, and returns that of the operator. `once`
-and `historically` are written with `since`: `once F` is `true since F`, and `historically F` is
-`not once not F`.
+A memory takes the truth of the operands at each state, and returns the truth of the operator.
+`once` and `historically` are written with `since`: `once F` is `true since F`, and `historically F`
+is `not once not F`.
 
 One memory serves one object or many that differ only in their fields: truth is a set of *rows*, the
 bits of an integer, with a row for each object. A single object has row 0.
 
-After a gap, in which states may be missing, the operator of an object is bounded from both sides by
-two memories: one assumes that the missing states were as favourable as can be, the other that they
-were not. So an operator must be
-monotone in its operands: what makes them true never makes it false.
+After a gap, in which states may be missing, two memories bound the truth of the operator from both
+sides: one assumes the most favourable missing states, the other the least favourable ones. So an
+operator must be monotone in its operands: if an operand becomes true, the operator never becomes
+false.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class SinceMemory:
     """The memory of `since` over an interval.
 
     `since[a, b]` remembers *candidates*: the states at which the right side held, and since which
-    the left side has held. The operator holds at t if one is in [t - b, t - a]. Of the candidates
-    that are at least a old, the youngest suffices: it tells until when the operator holds. Of three
-    candidates that are not, the middle one is redundant if the outer ones are at most b - a apart:
+    the left side has held. The operator holds at t if one is in [t - b, t - a]. Among candidates
+    with an age of at least a, the youngest suffices: it tells until when the operator holds. Among
+    three younger candidates, the middle one is redundant if the outer two are at most b - a apart:
     when the first is too old, the last is old enough. So the memory of an object depends on
     a / (b - a), not on the number of states. Without b, the oldest candidate suffices.
 
@@ -47,7 +47,7 @@ class SinceMemory:
         5       no   4          none    no
 
     Args:
-        interval: of the operator, which reaches into the past.
+        interval: the interval of the operator, into the past.
     """
 
     __slots__ = ('_end', '_lost', '_start', 'ends', 'holds', 'interval', 'window', 'younger')
@@ -62,7 +62,7 @@ class SinceMemory:
         self.ends: deque[tuple[int, int]] = deque()
         """These rows by the last time at which the youngest such candidate is young enough."""
         self.younger: deque[tuple[int, int, int]] = deque()
-        """The other candidates as spans of time, perhaps one of a gap; their rows."""
+        """The other candidates with their rows: spans of time, as a gap may be a candidate."""
         self._lost: int | None = None
 
     def step(self, time: int, left: int, right: int) -> int:
@@ -70,8 +70,8 @@ class SinceMemory:
 
         Args:
             time: the valid time of the state, in nanoseconds.
-            left: of the left operand; ALL_ROWS for an operator with one operand.
-            right: of the right operand.
+            left: the rows of the left operand; ALL_ROWS for an operator with one operand.
+            right: the rows of the right operand.
         """
         if self.younger:
             self._mature(time)

@@ -13,11 +13,11 @@ state n written as tn:
     t1 = 1 s: not p, not q   the same node: t1 <= t0 + 2 s, and nothing else happened
     t2 = 3 s: not p, q       false: t2 > t0 + 2 s
 
-The operand of an operator of the past may contain one of the future; it is then not decided when
-the state is seen. The *memory* of the operator holds what remains of the operand since each earlier
-state that its window can still reach; they are progressed with each state. Where the operator is
-reached, it is replaced by their disjunction (`once`) or conjunction (`historically`). States whose
-operands no window end tells apart share one entry.
+The operand of a past operator may contain a future operator; then a state does not decide the
+operand at once. The *memory* of the past operator holds what remains of the operand since each
+earlier state that its window can still reach; each state progresses these remainders. Where the
+past operator is reached, it is replaced by their disjunction (`once`) or conjunction
+(`historically`). States that no end of a window tells apart share one entry.
 
 Example, `always (p -> once[0, 2 s] eventually[0, 1 s] q)`; a memory is written as state: remainder:
 
@@ -238,7 +238,7 @@ class Progression:
         return begun and (past.end is None or not later(self._now, Bound(bound.state, past.end)))
 
     def _joined(self, past: PastWindow, entries: list[tuple[Bound | None, Node]]) -> Entries:
-        """Drop entries that no later window reaches, and join those that all later ones do."""
+        """Drop entries that no later window reaches; join entries that all later windows reach."""
         later, neutral = self.chronology.later, constant(value=past.universal)
         always: list[Node] = []
         kept: list[tuple[Bound | None, Node]] = []

@@ -46,10 +46,10 @@ from dyknow_reasoning.progression.nodes import (
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """The parts of a formula as it says them.
+    """The parts of a formula as its text states them.
 
     Args:
-        formulas: by the nodes that they stand for.
+        formulas: the parts, by the nodes that they stand for.
         operators: the words of operators that are written out, by their windows.
     """
 
@@ -126,9 +126,9 @@ def growth_error(size: int, limit: int, node: Node, atoms: Sequence[Atom]) -> Re
 
 
 def awaited_comparison(node: Window, atoms: Sequence[Atom]) -> Comparison | None:
-    """Return the comparison that a window stands for whose probability depends on later states.
+    """Return the comparison of a probability that depends on later states, from its window.
 
-    Either side of it is one that may become known to be true, or that the opposite is not.
+    Either side of the window is the comparison that may become known, or its opposite.
     """
     for side in (node.left, node.right):
         if type(side) is Literal and side.positive:
@@ -213,7 +213,7 @@ def _text(  # noqa: C901, PLR0911 - one for each kind
 
 
 def _weak_until(node: Junction, wording: Wording) -> Window | None:
-    """Return the `until` of what remains of an `unless`."""
+    """Return the `until` in the remainder of an `unless`."""
     if node.universal or len(node.parts) != 2:  # noqa: PLR2004 - until, or to the end
         return None
     for strong, weak in (node.parts, node.parts[::-1]):

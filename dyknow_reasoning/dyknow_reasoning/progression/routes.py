@@ -1,7 +1,7 @@
-"""Routes over links: matrices of numpy, also of many states at once, which are further dimensions.
+"""Routes over links, as numpy matrices; further dimensions hold many states at once.
 
-An entry of a matrix of lengths is the length of the link from the object of its row to that of its
-column, infinite where there is none.
+An entry of a matrix of lengths is the length of the link from the row's object to the column's
+object, infinite if there is no link.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def passable(lengths: Array, left: Array | None) -> Array:
 def reached(formula: Spatial, lengths: Array, left: Array | None, right: Array) -> Array:
     """Return for each object, as rows, which ones a spatial operator may reach from there.
 
-    Of `escape`, these are the objects to which it may escape, so that right holds along a route.
+    For `escape`, these are the objects at the end of a route along which `right` holds.
     """
     if formula.operator != 'escape':
         found: Array = formula.distances.contains(distances(passable(lengths, left)))
@@ -53,7 +53,7 @@ def truths(formula: Spatial, lengths: Array, left: Array | None, right: Array) -
 
 
 def route(lengths: Array, origin: int, target: int) -> list[int]:
-    """Return the objects of a shortest route, from the origin to the target, which it reaches."""
+    """Return the objects of a shortest route from the origin to a target that can be reached."""
     count = len(lengths)
     nearest, before = np.full(count, np.inf), np.full(count, origin)
     nearest[origin] = 0

@@ -1,7 +1,7 @@
 """Objects in place of variables, in formulas and terms whose texts are used.
 
-Comparisons with one text share their values, so the text of a ground term tells its objects from
-the variables that it binds: of `max(X[a] - X[k] for a in S)` for `k = a`, it is
+Comparisons with equal texts share their values, so the text of a ground term must tell its objects
+from the variables that it binds. For `k = a`, the text of `max(X[a] - X[k] for a in S)` is
 `max(X[a_2] - X[a] for a_2 in S)`.
 """
 
@@ -33,7 +33,7 @@ def with_objects(node: Any, binding: Binding) -> Any:
 
 
 def _apart_from_objects(node: Quantifier, binding: Binding) -> Quantifier:
-    """Return a quantifier whose variable has the name of no object that its body will have."""
+    """Rename the variable of a quantifier if an object in its body will have the same name."""
     shown: Any = node
     nodes = list(walk(shown))
     variables = {each.name for each in nodes if isinstance(each, Variable)}

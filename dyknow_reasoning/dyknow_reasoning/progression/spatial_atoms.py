@@ -1,7 +1,7 @@
 """Spatial operators about given objects, as atoms of each state.
 
 An operator whose operands are about one state is one atom; `execution.past` computes its truth for
-all objects together. Of an operand about other states, the formula joins what remains at each
+all objects together. If an operand is about other states, the formula joins the operand at each
 object that the operator may reach:
 
     somewhere[0, 100 m] eventually p    (r to r1 is in [0, 100 m] and eventually p at r1) or
@@ -32,7 +32,7 @@ MAX_PLACES: Final = 500
 """The most objects between which there may be links; their pairs are as many as its square."""
 
 _KEPT: Final = 16
-"""The operators whose operands for all objects are kept: each object needs the same."""
+"""The most operators whose operands are kept for all objects: every object needs them."""
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 _Sorts: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
@@ -47,8 +47,8 @@ class GroundLinks:
 
     Args:
         pairs: the indices of the objects of each link.
-        conditions: the formula of each, which holds if it exists.
-        lengths: the length of each; none if they have no length.
+        conditions: a formula for each link, which holds if the link exists.
+        lengths: the length of each link; empty if links have no length.
         places: x of each object, then y, if only Delaunay neighbours are linked.
     """
 
@@ -88,11 +88,11 @@ class Places:
 def spatial_formula(
     formula: Spatial, binding: Mapping[str, str], domains: Domains, ground: Ground
 ) -> Formula:
-    """Return the formula about atoms that a spatial operator is for given objects.
+    """Return a spatial operator for given objects, as a formula about atoms.
 
     Args:
-        formula: the operator, without variables but those of `binding` and its own.
-        binding: the object of each variable; of that of the operator, where it begins.
+        formula: the operator; it has no variables besides the ones of `binding` and its own.
+        binding: the object of each variable; for the operator's variable, where it begins.
         domains: the objects of each sort.
         ground: returns a formula without variables.
 

@@ -1,6 +1,6 @@
 """Simplification of junctions whose literals compare one term with several constants.
 
-Within one state, such literals know of each other. Examples, of a conjunction:
+Within one state, such literals imply or exclude each other. Examples of conjunctions:
 
     x > 10 and x > 5                  x > 10, as it implies the other
     x < 1 and x > 1                   false
@@ -102,7 +102,7 @@ class Thresholds:
     def _is_absorbing(self, junction: Junction) -> bool:
         """Return True if a member excludes another one over an interval within its own."""
         universal = junction.universal
-        # `always` in a conjunction, and what requires a state with its right side.
+        # `always` in a conjunction, and the windows that require a state with their right side.
         outer: defaultdict[Term, list[tuple[Window, _Threshold]]] = defaultdict(list)
         inner: list[tuple[Window, _Threshold]] = []
         for part in junction.parts:
@@ -156,7 +156,7 @@ def _needed(thresholds: Mapping[_Key, _Threshold]) -> set[_Key] | None:
     if equal is not None:
         value = thresholds[equal].value
         return {equal} if all(each.allows(value) for each in thresholds.values()) else None
-    # The tightest bounds; of those with one value, the strict one.
+    # The tightest bounds; of two bounds with one value, the strict one.
     lower = [key for key, each in thresholds.items() if each.operator in {'>', '>='}]
     lower.sort(key=lambda key: (thresholds[key].value, thresholds[key].operator == '>'))
     upper = [key for key, each in thresholds.items() if each.operator in {'<', '<='}]

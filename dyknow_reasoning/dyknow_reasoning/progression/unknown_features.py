@@ -21,8 +21,8 @@ class UnknownFeatures:
     """The features that may be unknown: absent from a state, None, or not a number.
 
     Args:
-        ranges: the least and the greatest value of those that are numbers, by their names,
-            `Charge`; `ANY_NUMBER` for one without bounds, or of another kind.
+        ranges: the least and the greatest value of each numeric feature, by name, `Charge`;
+            `ANY_NUMBER` for a feature without bounds, or of another kind.
         all_may_be: True if features that are not in `ranges` may be unknown, too.
     """
 
@@ -41,7 +41,7 @@ class UnknownFeatures:
         return self.all_may_be or _feature(name) in self.ranges
 
     def marked(self, names: Iterable[str], values: Values) -> Values:
-        """Return the values of a state, with an UnknownValueError for those that are unknown."""
+        """Return the values of a state, with an UnknownValueError for each unknown value."""
         found: dict[str, Any] = dict(values)
         found.update({name: UnknownValueError(name) for name in self.among(names, values)})
         return found
@@ -55,11 +55,11 @@ ALL_KNOWN: Final = UnknownFeatures()
 
 
 class UnknownValueError(ReasoningError):
-    """A value that is asked for, and unknown.
+    """A value is needed, but unknown.
 
     Args:
         name: the ground feature.
-        bounds: of the value at this state; None: those of the feature.
+        bounds: the bounds of the value at this state; None: the bounds of the feature.
     """
 
     def __init__(self, name: str, bounds: Range | None = None) -> None:

@@ -1,6 +1,6 @@
-"""Bounds of what is calculated with unknown numbers, by interval arithmetic.
+"""Bounds of calculations with unknown numbers, by interval arithmetic.
 
-Rounding is monotone, so the results at the ends of intervals bound all others as floats, too.
+Rounding is monotone, so results at the ends of intervals bound all other results in floats, too.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def bounded_truth(atom: Atom, values: Values, range_of: RangeOf, kinds: Kinds) -
     """Return the truth of a comparison of numbers for all unknown values; None if it differs.
 
     Args:
-        atom: the comparison; others have no bounds.
-        values: of the features; an UnknownValueError for one that is unknown.
+        atom: the comparison; other atoms have no bounds.
+        values: the values of the features; an UnknownValueError for an unknown value.
         range_of: returns the bounds of an unknown feature.
         kinds: of the features.
 

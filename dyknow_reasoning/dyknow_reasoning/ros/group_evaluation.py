@@ -49,9 +49,9 @@ class GroupEvaluation:
     """One formula group and the state streams that it is progressed over.
 
     A `StateLine` decides which states count. Another stream replaces the one in use as soon as no
-    state between is missing; one on standby replaces it when that is requested.
+    state between them is missing; a stream on standby replaces it on request.
 
-    Work that takes long, of requests, states and reports, happens in the background.
+    Long work for requests, states and reports happens in the background.
     """
 
     def __init__(
@@ -137,9 +137,9 @@ class GroupEvaluation:
 
         Args:
             formula_id: the formula.
-            until: if the formula is undecided, the valid time in nanoseconds whose states it still
-                gets: it is removed before the first later one. States of another clock have no
-                order with it: then it is removed at once.
+            until: a valid time in nanoseconds. An undecided formula still gets states up to this
+                time, and is removed before the first later state. If states have another clock,
+                which cannot be compared, it is removed at once.
 
         Raises:
             ReasoningError: for an unknown formula.
@@ -158,7 +158,7 @@ class GroupEvaluation:
     def _remove(
         self, formula_id: int, *, is_last: bool, latest: int | None = None
     ) -> tuple[FormulaProgress | None, FormulaEpisodes | None]:
-        """Remove a formula; return its last reports, of the progress only if it is undecided."""
+        """Remove a formula; return its last reports. A decided formula has no progress report."""
         progress = None
         if formula_id in self.group.undecided:
             progress = self._report(formula_id, is_last=is_last, latest=latest)
@@ -179,8 +179,8 @@ class GroupEvaluation:
         """Remove the formulas whose states end before a valid time, after a last report on each.
 
         Args:
-            valid_time: of a state that counts, in nanoseconds.
-            latest: of the state before it.
+            valid_time: the valid time of a state that counts, in nanoseconds.
+            latest: the valid time of the state before it.
         """
         ends = self._ends.items()
         ended = [each for each, at in ends if not 0 <= at - valid_time <= OTHER_CLOCK_NS]
@@ -307,7 +307,7 @@ class GroupEvaluation:
         self._work.receive_first([partial(self._handle, stream, each) for each in kept])
 
     async def set_standby(self, topic: str) -> None:
-        """Keep the states of a stream on standby; of none if the topic is empty.
+        """Keep the states of a stream on standby; an empty topic ends the standby.
 
         Raises:
             ReasoningError: for an invalid topic name.
@@ -489,13 +489,13 @@ class GroupEvaluation:
 MAX_QUEUED_STATES: Final = 1000
 
 HEAVY_PARTS: Final = 1000
-"""The parts of formulas from which on work that concerns all of them takes tens of milliseconds."""
+"""With this many parts of formulas, work on all of them takes tens of milliseconds."""
 
 HEAVY_TEXT: Final = 1000
-"""The characters of a formula from which on it takes tens of milliseconds to parse it."""
+"""With this many characters, parsing a formula takes tens of milliseconds."""
 
 HEAVY_STEP_S: Final = 0.02
-"""The time of the latest step from which on the next one happens in the background."""
+"""If the latest step took at least this long, the next one happens in the background."""
 
 Result = TypeVar('Result')
 

@@ -59,9 +59,9 @@ class EpisodeReports:
 
     Args:
         node: the engine.
-        group_id: of the group.
-        group: its formulas.
-        publisher: of FormulaEpisodes.
+        group_id: the id of the group.
+        group: the formulas of the group.
+        publisher: the publisher of FormulaEpisodes.
     """
 
     def __init__(

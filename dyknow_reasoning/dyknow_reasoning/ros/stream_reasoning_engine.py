@@ -237,7 +237,7 @@ def _first_id(started_at: int) -> int:
 
 
 def _unknown_features(messages: Sequence[UnknownFeature]) -> UnknownFeatures:
-    """Return the features that may be unknown; raise ReasoningError for bounds that are none."""
+    """Return the features that may be unknown; raise ReasoningError for invalid bounds."""
     for each in messages:
         if not each.lower <= each.upper:
             raise ReasoningError(

@@ -65,7 +65,7 @@ class Location:
         unbounded: the open windows without an end.
         is_fresh: True if the formula has seen no state.
         moves: the decision for each truth of the atoms.
-        memories: the same for what the past operators of a fresh formula look back to.
+        memories: the same, for the memories of the past operators of a fresh formula.
     """
 
     node: Node
@@ -85,9 +85,9 @@ class Move:
         target: the location.
         kept: the clocks that its bounds count from; the number after the last clock is the time of
             the present state.
-        select: picks these from a tuple of times.
-        is_alike: True if the target is undecided, and has the atoms and the open windows without an
-            end of the location before, which is not fresh.
+        select: picks these clocks from a tuple of times.
+        is_alike: True if the location before is not fresh, and the undecided target has the same
+            atoms and the same open windows without an end.
         is_idle: True if it changes nothing: it leads to the location before, with the same clocks.
     """
 
@@ -131,8 +131,8 @@ class Automaton:
         self._found = 0
         self._limit = _MAX_NODES
         self._keeps_values = False
-        # The formulas that slots stand for at a state, by their number, which is never used again;
-        # it is 0 for the instances that keep no value.
+        # The formulas that slots stand for at a state, by a number that is never used again; the
+        # number is 0 for instances that keep no value.
         self._kept: dict[int, Mapping[int, Node]] = {0: NONE_KEPT}
         self._kept_numbers: dict[frozenset[tuple[int, Node]], int] = {}
         self._next_kept = count(1)
@@ -146,8 +146,8 @@ class Automaton:
         """Return the symbol of a state at which some slots stand for formulas of the store.
 
         Args:
-            truth: of the other atoms, as bits.
-            kept: these formulas, by their slots.
+            truth: the truth of the other atoms, as bits.
+            kept: the formulas of the store, by their slots.
         """
         self._keeps_values = True
         key = frozenset(kept.items())
@@ -262,12 +262,12 @@ def _location(node: Node, clocks: int, *, is_fresh: bool) -> Location:
 
 
 def wake_time(location: Location, symbol: int, times: Times) -> float:
-    """Return the time before which states with some truth of the atoms change nothing.
+    """Return the time before which states with a given truth of the atoms change nothing.
 
-    Return the present time if such a state changes something, or its move is not known.
+    Return the present time if such a state changes something, or if its move is unknown.
 
     Args:
-        location: of the present time.
+        location: the location at the present time.
         symbol: the truth of the atoms.
         times: the clocks, and the present time, in nanoseconds.
     """

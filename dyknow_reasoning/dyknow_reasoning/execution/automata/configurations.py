@@ -2,8 +2,8 @@
 
 Instances that differ only in their fields and constants share a template. If the steps of time
 between states repeat, as in a stream with a sample period, clocks have few values. The truth of the
-atoms and the step of time then lead from each configuration to exactly one other, which is a
-look-up in a table of the template that is filled on demand.
+atoms and the step of time then lead from each configuration to exactly one other. The template
+looks it up in a table, which is filled on demand.
 
 Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with a state each
 second; the age of clock c0 is in brackets:
@@ -73,7 +73,7 @@ class Template:
 
     Attributes:
         found: the configurations that have been reached.
-        uses_configurations: False once there were too many, as where steps of time do not repeat.
+        uses_configurations: False once there are too many, for example as time steps do not repeat.
         opens_windows_later: True if a window without an end may open after the first state.
         safe_size: the most nodes of an instance for which the node limit need not be checked.
     """

@@ -60,7 +60,7 @@ class InstanceState:
         template: its template.
         location: its location in the automaton.
         times: the clocks: the times of the states that bounds of the location count from, in ns.
-        window_origins: for each open window without an end, the valid time since which it is open.
+        window_origins: the valid time since which each open window without an end is open.
     """
 
     instance: FormulaInstance
@@ -156,7 +156,7 @@ class InstanceVerdict:
 def halves_to_follow(
     half: Half, before: Location, halves: tuple[Move, Move], *, looks_back: bool = False
 ) -> dict[Half, Move]:
-    """Return the moves after a gap, one or those to both halves; none if it has no effect.
+    """Return the moves after a gap, to one half or to both; empty if the gap has no effect.
 
     Args:
         half: the part of the truth that the location before stands for.

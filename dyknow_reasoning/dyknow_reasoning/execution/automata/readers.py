@@ -109,7 +109,7 @@ class _ReaderCode:
         self._fields: dict[tuple[str, Kind], str] = {}
 
     def symbol(self, atoms: Sequence[Atom], predicates: Mapping[int, Predicate]) -> str:
-        """Return the expression for the truth of some atoms, given those of their slots."""
+        """Return the expression for the truth of some atoms, given the predicate of each slot."""
         bits = []
         for slot, holds in predicates.items():
             text = self._atom(atoms[slot]) or f'{self._name(holds)}(values)'
@@ -117,7 +117,7 @@ class _ReaderCode:
         return ' | '.join(bits) or '0'
 
     def reader(self, result: str, careful: Callable[[Values], Any]) -> Callable[[Values], Any]:
-        """Return the reader whose result has an expression; `careful` reads unusual values."""
+        """Return a reader with the result of an expression; `careful` reads unusual values."""
         fields = self._fields.items()
         if not fields:
             return careful

@@ -1,10 +1,10 @@
 """The histories that the formulas of a group look back to.
 
-A history begins with the first state of the formulas that it belongs to. It has a register for
-each past operator whose operands are decided by each state; formulas that begin together share
-them. The registers run at every state, before the formulas are progressed, whether or not a formula
-reaches the operator. Their fields are named `#1`, `#2`, ...; no feature has such a name. After a
-gap, `#1-` is the truth for the least favourable missing states, `#1+` for the most favourable ones.
+A history begins with the first state of its formulas. It has a register for each past operator
+whose operands each state decides; formulas that begin together share the registers. The registers
+run at every state, before the formulas are progressed, whether or not a formula reaches the
+operator. Their fields are named `#1`, `#2`, ...; no feature has such a name. After a gap, `#1-` is
+the truth for the least favourable missing states, `#1+` for the most favourable ones.
 """
 
 from __future__ import annotations
@@ -244,7 +244,7 @@ class Histories:
     def _with_fields(
         self, instances: Iterable[Instance], history: _History, kinds: Kinds
     ) -> tuple[list[Instance], list[PastRegister]]:
-        """Return instances with fields for their past operators, and the registers of these."""
+        """Return instances with fields for their past operators, and the operators' registers."""
         used: dict[PastRegister, None] = {}
         found = []
         for each in instances:
@@ -261,7 +261,7 @@ class Histories:
     def _field_of(
         self, atom: Atom, history: _History, kinds: Kinds, used: dict[PastRegister, None]
     ) -> Atom:
-        """Return an atom; a past operator with its field, and a register if there is none."""
+        """Return an atom; a past operator gets its field, and a register if it has none."""
         if not isinstance(atom, PastAtom):
             return atom
         formula = atom.formula
@@ -289,7 +289,7 @@ class Histories:
         used: dict[PastRegister, None],
         make: Callable[[PastAtom], PastRegister],
     ) -> Atom:
-        """Return an operator with the field of its register, which is made if there is none."""
+        """Return an operator with the field of its register; make the register if there is none."""
         register = history.get(key)
         if register is None or register.field not in self.registers:
             register = make(PastAtom(key[0], f'#{next(self._numbers)}'))
@@ -301,7 +301,7 @@ class Histories:
     def _spatial_field(
         self, atom: SpatialAtom, history: _History, kinds: Kinds, used: dict[PastRegister, None]
     ) -> Atom:
-        """Return a spatial operator with its field, and a register if there is none."""
+        """Return a spatial operator with its field; make its register if there is none."""
         formula = atom.formula
         found = chain.from_iterable(map(fields, (formula, formula.links or formula)))
         kind = formula, bool(atom.target), tuple(kind_of(each, kinds) for each in found)

@@ -1,8 +1,8 @@
-"""The history of formulas that begin later, where a state does not decide it at once.
+"""The history of formulas that begin later, for operands that a state does not decide at once.
 
-An operator of the past over one of the future remembers what remains of its operand since earlier
-states (see `progression`). A history progresses these from its first state on. A formula
-that begins later begins with what the history remembers then.
+A past operator over a future operator remembers what remains of its operand since earlier states
+(see `progression`). A history progresses these remainders from its first state on. A formula that
+begins later begins with the memory of the history at that time.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class OperandHistory(StateTaker):
     """The memory of an instance's past operators.
 
     Args:
-        instance: the instance; its operators of the past over the past alone have fields.
-        kinds: of its features.
-        reach: the time for which it looks back at most, in nanoseconds.
+        instance: the instance; its past operators over the past alone have fields.
+        kinds: the kinds of its features.
+        reach: the longest time that it looks back, in nanoseconds.
         node_limit: the most nodes that it may remember.
     """
 
@@ -85,13 +85,13 @@ class OperandHistory(StateTaker):
             self._begin_again(unknowable(gap), gap.before - 1)
 
     def _begin_again(self, error: ReasoningError, latest: int) -> None:
-        """Forget all states; what depends on those up to a time is not known."""
+        """Forget all states; results that depend on states up to `latest` are unknown."""
         self._location, self.times = self._automaton.initial, ()
         self._error = error, latest
 
 
 def reach(formula: Formula | Term) -> float:
-    """Return the time for which a formula looks back at most, in nanoseconds."""
+    """Return the longest time that a formula looks back, in nanoseconds."""
     inner = max((reach(part) for part in parts(formula)), default=0.0)
     if not isinstance(formula, PastFormula):
         return inner

@@ -1,7 +1,7 @@
 """Comparisons with values of the past, as registers: `x - prev(x) < 5`, `count(p, 10 s) <= 3`.
 
-At each state, the memories of the past terms give their values, inner ones first, and take those
-of their operands. Example, `prev(x)` and `count(x > 2, 2 s)`:
+At each state, the memories of the past terms give the values of the terms, inner terms first, and
+take the values of their operands. Example, `prev(x)` and `count(x > 2, 2 s)`:
 
     time, s    x    prev(x)    count(x > 2, 2 s)
     0          1    none       0
@@ -70,8 +70,9 @@ class ComparisonRegister(PastRegister):
 
     Args:
         atom: the comparison, with the name of its field.
-        operands: of its counts and probabilities; past operators are atoms with fields, too.
-        inner: the registers of these.
+        operands: the operands of its counts and probabilities; past operators in them are atoms
+            with fields, too.
+        inner: the registers of these past operators.
         kinds: the kinds of the features.
     """
 
@@ -108,7 +109,7 @@ class ComparisonRegister(PastRegister):
         return self.gap is None
 
     def tried(self, memory: TermMemories, time: int, values: Values) -> bool:
-        """Return the truth of the comparison at a state, which a memory takes.
+        """Let a memory take a state; return the truth of the comparison there.
 
         Raises:
             ReasoningError: if a value is unusable or unknown.
@@ -147,7 +148,7 @@ class ComparisonRegister(PastRegister):
         return [each.interval for each in memories if each.interval is not None]
 
     def _with_terms(self, memory: TermMemories, time: int, values: Values) -> ChainMap[str, Any]:
-        """Return the values of a state with those of the past terms; a memory takes the state."""
+        """Let a memory take a state; return the values of the state and of the past terms."""
         terms: dict[str, Any] = {}
         found = ChainMap(terms, cast('MutableMapping[str, Any]', values))
         for (name, read), each in zip(self._readers.items(), memory.memories, strict=True):
@@ -197,9 +198,9 @@ class _TermMemory(ABC):
 
     @abstractmethod
     def step(self, time: int, now: Any) -> Any:
-        """Take the value of the operand at a state, or its error; return that of the term.
+        """Take the value of the operand at a state, or its error; return the value of the term.
 
-        None is the value of an operand or a term that has none.
+        None stands for an operand or a term without a value.
         """
 
     @abstractmethod
@@ -216,7 +217,7 @@ class _TermMemory(ABC):
         """Equal for memories that will always yield the same values."""
 
     def copied(self) -> _TermMemory:
-        """Return a copy, which steps by itself."""
+        """Return an independent copy."""
         return copy(self)
 
 
@@ -290,7 +291,7 @@ class _ProbabilityMemory(_TermMemory):
 
     Args:
         term: the probability.
-        operands: of its formula, as `right`.
+        operands: the operands of its formula, as `right`.
         kinds: the kinds of the features.
     """
 

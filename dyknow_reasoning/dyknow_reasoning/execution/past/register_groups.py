@@ -110,7 +110,7 @@ class RegisterGroup(StateTaker):
     def _stepped(self, memory: PastMemory, time: int, left: Array | None, right: Array) -> Array:
         """Return the truth of the operators at a state, given the truth of the operands."""
         found = memory.step(time, ALL_ROWS if left is None else _rows(left), _rows(right))
-        # The row of a register is a byte, as numpy has them.
+        # The row of a register is a byte, as a bool of numpy is.
         truths = np.frombuffer(found.to_bytes(len(self._registers), 'little'), bool)
         return ~truths if self._is_negated else truths
 

@@ -84,7 +84,7 @@ class StateTaker(ABC):
 
     @abstractmethod
     def step(self, time: int, values: Any) -> None:
-        """Take a state, whose fields it sets; `time` is its valid time, in nanoseconds."""
+        """Take a state, and set its fields; `time` is its valid time, in nanoseconds."""
 
     @abstractmethod
     def pass_gap(self, gap: Gap) -> None:
@@ -107,9 +107,9 @@ class PastRegister(StateTaker):
 
     Args:
         atom: the operator, with the name of its field.
-        atoms: of its operands; inner operators have fields, too.
-        inner: the registers of these.
-        memory: of the operator.
+        atoms: the atoms of its operands; inner operators have fields, too.
+        inner: the registers of the inner operators.
+        memory: the memory of the operator.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class PastRegister(StateTaker):
 
     @abstractmethod
     def tried(self, memory: Any, time: int, values: Values) -> bool:
-        """Return the truth at a state, which a memory takes.
+        """Let a memory take a state; return the truth there.
 
         Raises:
             ReasoningError: if an operand has no truth; the memory does not take the state then.
@@ -167,8 +167,8 @@ class Register(PastRegister):
 
     Args:
         atom: the operator, with the name of its field.
-        operands: its operands, whose past operators are atoms with fields, too.
-        inner: the registers of these.
+        operands: its operands; past operators in them are atoms with fields, too.
+        inner: the registers of these past operators.
         kinds: the kinds of the features.
         store: makes nodes.
     """
@@ -216,7 +216,7 @@ class Register(PastRegister):
         self.memory, self._branches = memory, ((self.sides, memory),)
 
     def tried(self, memory: PastMemory, time: int, values: Values) -> bool:
-        """Return the truth of the operator at a state, which a memory takes.
+        """Let a memory take a state; return the truth of the operator there.
 
         Raises:
             ReasoningError: if an operand has no truth; the memory does not take the state then.

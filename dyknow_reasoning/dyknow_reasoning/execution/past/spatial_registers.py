@@ -1,8 +1,8 @@
 """Spatial operators over operands of one state, as registers.
 
-The operators of one formula about the objects of a sort share their truth, which is computed at
-each state for all objects together. The operands and the links are read as vectors, or one by one
-where values do not fit into these.
+The operators of one formula about the objects of a sort share one computation: at each state, it
+finds their truth for all objects together. The operands and the links are read as vectors, or one
+by one where values do not fit into vectors.
 """
 
 from __future__ import annotations
@@ -66,16 +66,16 @@ _CONNECTIVES: Final[dict[type, Callable[[Any, Any], Any]]] = {
 }
 
 _Operands: TypeAlias = 'tuple[Array, Array | None, Array]'
-"""The lengths of the links, infinite where there are none, the left and the right operands."""
+"""The lengths of the links (infinite without a link), the left and the right operands."""
 
 
 class SpatialTruths:
-    """The truth of one spatial operator from each object on.
+    """The truth of one spatial operator, starting from each object.
 
     Args:
-        atom: the operator from any of the objects on.
-        places: its operands, whose spatial operators are atoms with fields.
-        inner: the registers of these, and of those in them.
+        atom: the operator, starting from any of the objects.
+        places: its operands; spatial operators in them are atoms with fields.
+        inner: the registers of these operators, and of the operators within them.
         kinds: the kinds of the features.
         shared: the vectors that others read, too.
     """
@@ -252,7 +252,7 @@ class SpatialTruths:
 
 
 def link_lengths(places: Places, formula: Spatial, kinds: Kinds) -> Callable[[Values], Array]:
-    """Return a reader of the lengths of an operator's links; its errors are those of `operands`."""
+    """Return a reader of the lengths of an operator's links; it raises the errors of `operands`."""
     read = SpatialTruths(SpatialAtom(formula, '', '', places), places, (), kinds, SharedVectors())
     return lambda values: read.operands(values)[0]
 
@@ -290,7 +290,7 @@ class SpatialRegister(PastRegister):
 
 
 def _reader(formulas: Sequence[Formula], kinds: Kinds) -> Callable[[Values], Array]:
-    """Return the truth of formulas about one state, whose values may be unusual."""
+    """Return a reader of the truth of formulas about one state, also for unusual values."""
     atoms, nodes = ground_nodes(formulas, NodeStore(Chronology()))
     mask = reduce(or_, (each.mask for each in nodes), 0)
     read = quick_reader(atoms, kinds, mask)

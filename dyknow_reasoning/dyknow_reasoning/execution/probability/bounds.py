@@ -33,13 +33,13 @@ from dyknow_reasoning.progression.nodes import (
 )
 
 MAX_STARTS: Final = 100_000
-"""The most states from which an operator within another one is open."""
+"""The most start states from which an operator within another one may be open."""
 
 _Entry: TypeAlias = tuple[int, Chance | None, Chance]
 """A state: its time, and the bounds of the left side, if there is one, and of the right side."""
 
 _UNIT: Final = 1 << 60
-"""Sums are of whole numbers of these parts: what is added and taken away leaves no rest."""
+"""Sums count whole numbers of these parts, so adding and subtracting leaves no rounding error."""
 
 
 class ChanceOperator(ABC):
@@ -51,7 +51,7 @@ class ChanceOperator(ABC):
 
         Args:
             time: the valid time of the state, in nanoseconds.
-            chances: of the parts without temporal operators, in their order.
+            chances: the bounds of the parts without temporal operators, in their order.
         """
 
     @abstractmethod
@@ -121,7 +121,7 @@ class _CountChance(ChanceOperator):
 
     def __init__(self, count: int, parts: Sequence[ChanceOperator]) -> None:
         self._count, self._parts = count, parts
-        # What is known of each part and not yet of all.
+        # The bounds that are known of each part, but not yet of all parts.
         self._known: list[deque[Chance]] = [deque() for _ in parts]
 
     def step(self, time: int, chances: Sequence[Chance]) -> list[Chance]:
@@ -156,7 +156,7 @@ class _WindowChance(ChanceOperator):
         self._left = operator_of(node.left, order, first_only=False) if is_until else None
         self._right = operator_of(node.right, order, first_only=False)
         self._first_only, self._has_begun = first_only, False
-        # The states from which it is open, and those at which an operand is.
+        # The states from which the operator is open, and the states at which an operand is open.
         self._starts: deque[int] = deque()
         self._times: deque[int] = deque()
         self._lefts: deque[Chance] = deque()
@@ -216,7 +216,7 @@ class _WindowChance(ChanceOperator):
         return now >= end and (not self._times or self._times[0] > end)
 
     def _scanned(self, scan: _Scan, start: int, *, is_open: bool = False) -> Chance:
-        """Return the bounds from a state on, which is not before that of the last call."""
+        """Return the bounds from a state on; calls must come in the order of the states."""
         scan.advance(start, start + self._start, start + self._end)
         return self._turned(scan.chance(is_open=is_open))
 
@@ -225,7 +225,7 @@ class _WindowChance(ChanceOperator):
 
 
 class _Scan(ABC):
-    """The bounds over the window of one state, and after it over those of later states.
+    """The bounds over the window of one state, then over the windows of later states.
 
     Args:
         is_sliding: True if it will advance to later states.
@@ -239,7 +239,7 @@ class _Scan(ABC):
         self.waiting: deque[_Entry] = deque()
 
     def copied(self) -> _Scan:
-        """Return a copy, which advances by itself."""
+        """Return an independent copy."""
         found = copy(self)
         queues = {name: each for name, each in vars(self).items() if isinstance(each, deque)}
         vars(found).update({name: each.copy() for name, each in queues.items()})
@@ -270,11 +270,11 @@ class _AlwaysScan(_Scan):
     def __init__(self, *, is_sliding: bool) -> None:
         super().__init__(is_sliding=is_sliding)
         self._first = 0
-        # How much is lacking to a lower bound of 1, of each state and in all.
+        # How far the lower bound is below 1: of each state, and in total.
         self._lacking: deque[tuple[int, int]] = deque()
         self._total = 0
-        # The least upper bounds of what remains as states leave, increasing; if none ever does, the
-        # least one.
+        # The least upper bounds of the states that remain as others leave, increasing; if no state
+        # ever leaves, only the least one.
         self._uppers: deque[tuple[int, float]] = deque()
 
     def chance(self, *, is_open: bool) -> Chance:
@@ -303,7 +303,7 @@ class _AlwaysScan(_Scan):
 
 
 class _UntilScan(_Scan):
-    """The right side at some state of the window, the left side at those between."""
+    """The right side at some state of the window, the left side at all states before it."""
 
     def __init__(self, *, is_sliding: bool) -> None:
         super().__init__(is_sliding=is_sliding)
@@ -319,7 +319,7 @@ class _UntilScan(_Scan):
         # Of the left side at the states after the first: what is lacking, and the upper bound.
         self._lacking, self._held = 0.0, 1.0
         self._lower, self._upper = 0.0, 0.0
-        # The least bound of what has been and may be: later states need the left side so far.
+        # An upper bound for all later states: they need the left side at every state so far.
         self._ceiling = 1.0
 
     def _begin(self, start: int, first: int) -> None:

@@ -1,9 +1,9 @@
 """The probability that a point with a normal error is within a distance: certain bounds.
 
-In the axes of its covariances, the coordinates of a point are independent. All axes but that with
-the largest deviation are cut into intervals: a circle into strips, a ball into bars. The chance of
-a strip is known, and so is the chance of the last coordinate to be between the ends of a chord. It
-grows with the chord, so the longest and the shortest chord of each strip bound the probability.
+In the axes of its covariances, the coordinates of a point are independent. All axes but the one
+with the largest deviation are cut into intervals: a circle into strips, a ball into bars. A strip
+has a known chance, and so has the last coordinate to be between the ends of a chord.
+This chance grows with the chord, so the longest and the shortest chord of a strip bound it.
 Example, with a radius of 1, a deviation of 1 in both axes around the centre, and four strips, where
 the probability is 0.3935:
 
@@ -42,17 +42,17 @@ _OPERANDS: Final = {'hypot': 3, 'abs': 1}
 _EDGES: Final = {0: (0, 0), 1: (33, 300), 2: (17, 60)}
 """The edges in each axis that is cut; the first ones show where the chords change.
 
-Most of the others are put there.
+Most of the other edges are put there.
 """
 
 _FARTHEST: Final = 9.0
-"""The deviations beyond which nothing is: the chance is 1e-19, less than that of rounding."""
+"""Larger deviations are neglected: their chance is 1e-19, less than the rounding error."""
 
 
 _ROUNDING: Final = 1e-6
-"""What the rounding of the covariances may change, in the largest deviation.
+"""The greatest effect of rounding in the covariances, as a part of the largest deviation.
 
-It changes a small deviation by at most 1e-7, and there are no more than 9 of these.
+Rounding changes a small deviation by at most 1e-7, and at most 9 small deviations count.
 """
 
 
@@ -75,9 +75,9 @@ def chance_of_distance(
     """Return bounds of the probability that a distance from zero compares so with a number.
 
     Args:
-        operator: of the comparison.
+        operator: the operator of the comparison.
         mean: up to three coordinates of the point.
-        covariances: of these.
+        covariances: the covariances of these coordinates.
         distance: the number.
 
     Returns:
@@ -102,7 +102,7 @@ class DistanceAtom:
 
     Args:
         atom: the comparison.
-        operator: of the function with the number.
+        operator: compares the function with the number.
         sums: the operands of the function.
         distance: reads the number.
 
@@ -130,9 +130,9 @@ class DistanceAtom:
         """Return bounds of its probability; None if no distribution has these covariances.
 
         Args:
-            values: of the state.
-            means: of the numbers.
-            covariances: of each with each.
+            values: the values of the state.
+            means: the means of the numbers.
+            covariances: the covariance of each pair of numbers.
 
         Raises:
             ReasoningError: if a side is not finite.
@@ -150,7 +150,7 @@ class DistanceAtom:
 
 
 def distance_of(atom: Comparison, kinds: Kinds) -> DistanceAtom | None:
-    """Return a comparison as that of a distance; None if it is none."""
+    """Return a comparison as a comparison of a distance; None if it does not compare one."""
     mirrored = MIRRORED_COMPARISONS.get(atom.operator, atom.operator)
     for function, other, operator in (
         (atom.left, atom.right, atom.operator),
@@ -198,7 +198,7 @@ def _chance_within(mean: _Numbers, deviations: _Numbers, radius: float) -> tuple
 
 
 def _ends(mean: float, deviation: float, radius: float) -> tuple[float, float]:
-    """Return the ends of an axis of a ball, in deviations; all of it if there is none."""
+    """Return the ends of an axis of a ball, in deviations; the whole range without a deviation."""
     if not deviation:
         return -_FARTHEST, _FARTHEST
     ends = np.clip([-radius - mean, radius - mean], *(_FARTHEST * deviation * np.array([-1, 1])))

@@ -1,10 +1,10 @@
 """Probabilities of the atoms of a formula at one state.
 
-An atom compares a sum of uncertain numbers with a certain one: with the certain values of the state
-it is `c1*q1 + ... + cn*qn + rest < 0`, where qi are normally distributed. Atoms that share a number
-depend on each other, such as `x > 1` and `x > 2`. They are a *component*. If all of its atoms
-compare one sum, their thresholds divide its values into *cells*, and all atoms have one truth in a
-cell:
+An atom compares a sum of uncertain numbers with a certain number. Given the certain values of the
+state, the atom is `c1*q1 + ... + cn*qn + rest < 0`, where the qi are normally distributed. Atoms
+that share a number depend on each other, such as `x > 1` and `x > 2`. They are a *component*. If
+all atoms of a component compare one sum, their thresholds divide the values of the sum into
+*cells*. Within a cell, the truth of all atoms is constant:
 
     x is normal(1.5, 1)      x <= 1    1 < x <= 2    2 < x
     x > 1, x > 2             no, no    yes, no       yes, yes
@@ -12,14 +12,14 @@ cell:
 
 Bounds where nothing is known about dependence: `at_least` (Frechet; Rueger 1978 for counts), and
 for the sum of n numbers, P(sum <= 0) is at least 1 - n * Phi(-z) and at most n * Phi(z) with
-z = -(sum of means) / (sum of deviations), as the sum is negative if each number is at most its mean
-and z deviations, and only if one is.
+z = -(sum of means) / (sum of deviations): the sum is negative if each number is at most its mean
+plus z deviations, and only if at least one number is.
 
 Numbers with covariances are normally distributed together, so a sum of them is, too, with a known
 deviation. Each such *group* counts as one number in the bounds above.
 
-A number with a bounded error is any within its bounds, whatever the others are. A comparison of it
-alone with numbers is tried for each order that it may have among these.
+A number with a bounded error may be anywhere within its bounds, whatever the other numbers are. If
+only this number is compared with thresholds, each order of it among the thresholds is tried.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ Moments: TypeAlias = Sequence[tuple[float, float]]
 """The mean and the deviation of each uncertain number at a state."""
 
 Cells: TypeAlias = Sequence[tuple[int, float]]
-"""The truths of some atoms, as bits, with the probability of each."""
+"""The probability of each combination of truths of some atoms, given as bits."""
 
 _LESS: Final = {'<', '<='}
 _GREATER: Final = {'>', '>='}
@@ -118,7 +118,7 @@ class _UncertainAtom:
         self._scale = factors[0][1]
         # Atoms with equal directions compare one sum.
         self.direction = tuple((index, factor / self._scale) for index, factor in factors)
-        # Those of each group of numbers.
+        # The directions of the sum in each group of numbers.
         self.directions: list[tuple[tuple[int, float], ...]] = [(each,) for each in self.direction]
         is_turned = self._scale < 0
         self.operator = MIRRORED_COMPARISONS[atom.operator] if is_turned else atom.operator
@@ -146,7 +146,7 @@ class _Component:
 
     Args:
         atoms: the atoms by their slots.
-        has_one_group: True if their numbers are of one group.
+        has_one_group: True if all their numbers are in one group.
     """
 
     atoms: Mapping[int, _UncertainAtom]
@@ -195,7 +195,7 @@ class StateDistribution:
         is_joint: True if their errors at one state have a known joint distribution, whatever their
             time constants are.
         is_linear: True if each atom compares a sum of uncertain numbers.
-        has_bounds: True if each compares a sum, or a distance with a known joint distribution.
+        has_bounds: True if each atom compares a sum, or a distance with a known joint distribution.
         has_covariances: True if covariances of numbers are given.
         has_cells: True if `cells` are defined.
     """
@@ -295,7 +295,7 @@ class StateDistribution:
         """Return the mean and the deviation of each uncertain number at a state.
 
         Raises:
-            ReasoningError: if one is no usable number.
+            ReasoningError: if a mean or a deviation is not a usable number.
         """
         found = [(mean(values), deviation(values)) for mean, deviation in self._readers]
         for index, (mean, deviation) in enumerate(found):
@@ -366,7 +366,7 @@ class StateDistribution:
     def _possible(
         self, node: Node, component: _Component, values: Values, moments: Moments
     ) -> Chance:
-        """Return the probability of a formula of one number whose error is bounded."""
+        """Return the probability of a formula about one number whose error is bounded."""
         ((number, _),) = component.direction
         mean, error = moments[number]
         thresholds = component.thresholds(values)
@@ -410,7 +410,7 @@ class StateDistribution:
     def covariance_matrices(
         self, values: Values, moments: Moments
     ) -> Iterator[tuple[Sequence[int], list[list[float]]]]:
-        """Yield the numbers of each group of several, with the covariances of their errors."""
+        """Yield the numbers of each group with several, and the covariances of their errors."""
         for group in sorted({self._groups[first] for first, _ in self._covariances}):
             members = [each for each, found in enumerate(self._groups) if found == group]
             rows = (
@@ -517,7 +517,7 @@ def _covariances(
 def _groups(
     numbers: Sequence[Uncertain], covariances: Mapping[tuple[int, int], Any]
 ) -> Sequence[int]:
-    """Return the group of each number, which is its first one."""
+    """Return the group of each number: the index of the first number of the group."""
     related = [{each} for each in range(len(numbers))]
     for first, second in covariances:
         related[first].add(second)

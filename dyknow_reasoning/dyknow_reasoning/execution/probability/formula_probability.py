@@ -2,23 +2,24 @@
 
 The time constants of the uncertain numbers decide how it is computed:
 
-    missing in one or more    bounds: nothing is known about correlation (`bounds`); so are those
-                              of errors that are bounded, not normal
+    missing in one or more    bounds: nothing is known about correlation (`bounds`); also for errors
+                              that are bounded, not normal
     0 in all                  exact: errors are independent (`chain`)
     other                     an interval with a confidence, of simulated runs (`simulation`)
 
 Samples of a particle filter are counted, for an interval with a confidence.
 
-Distances, `abs(x)` and `hypot(x, y)`, have bounds if their joint distribution is known, by their
-covariances or as errors are independent (`distances`). Other functions of such numbers, and several
-atoms, are simulated at one state. Where independent errors enter one atom in different sums,
-`x - y < 2` beside `x < 1`, the distribution is not exact, and runs are simulated, too.
+Distances, `abs(x)` and `hypot(x, y)`, have bounds if the joint distribution of their operands is
+known: from covariances, or because errors are independent (`distances`). Other functions of such
+numbers, and several atoms, are simulated at one state. Where atoms compare different sums of the
+same independent errors, `x - y < 2` and `x < 1`, runs are simulated, too, as there is no exact
+distribution.
 
 The exact probability of a formula where the errors of all states are independent.
 
-The remaining formula after a state is a Markov chain: at each state, it depends on the remaining
-formula before it, and on the truth of the atoms, whose distribution depends on no other state.
-So the distribution of the remaining formula is all there is to know. A formula that has seen no
+The remaining formula after a state is a Markov chain: it depends on the remaining formula before
+the state, and on the truth of the atoms, whose distribution depends on no other state. So the
+distribution of the remaining formula is all there is to know. Example, a formula that has seen no
 state, `always (p -> eventually[0, 2 s] q)`, where p and q have a probability of 0.5 at each state:
 
     after the state at    always (...)    ... and eventually q to 2 s    ... to 3 s    false
@@ -123,7 +124,7 @@ class FormulaProbability:
         return self._history, self._is_lost
 
     def at_state(self, time: int, values: Values) -> FormulaProbability:
-        """Take a state; return the probability then, of this state alone if it is of a state.
+        """Take a state; return the probability at it, of this state alone if `is_of_state`.
 
         Raises:
             ReasoningError: if a value is unusable.
@@ -151,7 +152,7 @@ class FormulaProbability:
         return ProbabilityInterval(lower, upper, self.assumption)
 
     def copied(self) -> FormulaProbability:
-        """Return a copy, which takes states by itself."""
+        """Return an independent copy."""
         found = copy(self)
         found._model = self._model.copied()  # noqa: SLF001 - of the same class
         return found
@@ -281,7 +282,7 @@ class AskedProbability:
         return self._is_known(bound, self._interval.upper < bound, self._interval.lower >= bound)
 
     def _is_known(self, bound: float, *sides: bool) -> bool:
-        """Return the first side; raise UnusableValueError if none of both is known."""
+        """Return the first side; raise UnusableValueError if neither side is known."""
         if self._is_final and not any(sides):
             is_bound = self._interval.assumption.startswith(NOTHING_KNOWN)
             correction = 'give the errors a time constant, or ' if is_bound else ''
@@ -297,7 +298,7 @@ class RemainderChain:
 
     Args:
         node: the formula, which has seen no state.
-        distribution: of its atoms, which has cells.
+        distribution: the distribution of its atoms; it must have cells.
     """
 
     def __init__(self, node: Node, distribution: StateDistribution) -> None:
@@ -353,7 +354,7 @@ class RemainderChain:
         return found, found + lost
 
     def copied(self) -> RemainderChain:
-        """Return a copy, which takes states by itself."""
+        """Return an independent copy."""
         found = copy(self)
         found._open, found._decided = dict(self._open), dict(self._decided)  # noqa: SLF001
         return found

@@ -1,9 +1,9 @@
 """The probability of a formula in simulated runs, where errors are correlated over time.
 
 The error of each uncertain number is a first-order Gauss-Markov process: a time t after a state,
-the correlation with the error there is exp(-t / time constant). In each run, errors are drawn and
-the formula is progressed over the numbers that these make of the estimates. The share of true and
-false runs gives an interval with a confidence of 95 % (Clopper and Pearson 1934). It is valid at
+the correlation with the error at that state is exp(-t / time constant). Each run draws errors, adds
+them to the estimates, and progresses the formula over the sums. The share of true and false runs
+gives an interval with a confidence of 95 % (Clopper and Pearson 1934). The confidence is valid at
 every state, not only at one: later intervals lie in earlier ones.
 """
 
@@ -60,7 +60,7 @@ class SimulatedRuns:
         node: the formula, which has seen no state.
         atoms: the atom of each slot.
         kinds: the kinds of the features.
-        distribution: of the atoms.
+        distribution: the distribution of the atoms.
 
     Raises:
         ReasoningError: if scipy is not installed, or the formula has too many atoms.
@@ -78,7 +78,7 @@ class SimulatedRuns:
         self._generator = np.random.default_rng(crc32(' '.join(map(str, atoms)).encode()))
         self._counts = {True: 0, False: 0}
         self._latest: int | None = None
-        # Of the open runs: the place of each, by its index in the list, and its errors.
+        # The open runs: the index of each one's place in the list of places, and its errors.
         self._places: list[tuple[Location, Times]] = [(initial, ())]
         self._at = np.zeros(RUNS, np.int64)
         self._errors: list[_Numbers] = []
@@ -118,9 +118,9 @@ class SimulatedRuns:
         return self._interval(self._counts[True] + held, self._counts[True] + held, self._runs)
 
     def copied(self) -> SimulatedRuns:
-        """Return a copy, which takes states by itself; it draws the same errors."""
+        """Return an independent copy, which draws the same errors."""
         found = copy(self)
-        # Quicker than a deep copy; probabilities of one state need one at each state.
+        # Quicker than a deep copy; the probability of one state needs a copy at each state.
         generator = found._generator = np.random.Generator(np.random.PCG64(0))  # noqa: SLF001
         generator.bit_generator.state = self._generator.bit_generator.state
         found._counts, found._errors = dict(self._counts), list(self._errors)  # noqa: SLF001
@@ -178,7 +178,7 @@ class SimulatedRuns:
 class CountedSamples(SimulatedRuns):
     """The samples of a state, in place of runs of a formula without temporal operators.
 
-    Sample i of each number is of one particle, so the atoms of the state have their joint truth.
+    Sample i of all numbers belongs to one particle, so the joint truth of the atoms is known.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class CountedSamples(SimulatedRuns):
 
 
 def _samples_of(number: Uncertain, text: str) -> _Numbers:
-    """Return the samples in a text; raise ReasoningError if it has none, or others."""
+    """Return the samples in a text; raise ReasoningError if it has none, or other contents."""
     try:
         found = np.array(text.split(), np.float64)
     except ValueError:
@@ -220,7 +220,7 @@ def _samples_of(number: Uncertain, text: str) -> _Numbers:
 
 
 def _grouped(codes: _Indices) -> tuple[list[int], _Indices]:
-    """Return the numbers that occur, and for each given number the index of it among these."""
+    """Return the distinct codes, and for each given code its index among them."""
     most = int(codes.max()) + 1
     if most > _MAX_CODES:
         kinds, members = np.unique(codes, return_inverse=True)
@@ -234,7 +234,7 @@ def _grouped(codes: _Indices) -> tuple[list[int], _Indices]:
 def _vector_readers(
     node: Node, atoms: Sequence[Atom], kinds: Kinds, numbers: Sequence[Uncertain]
 ) -> Mapping[int, Callable[[Values, _Vectors], Any]]:
-    """Return what reads the truth of the atom of each slot in each run."""
+    """Return a function for each slot that reads the truth of its atom in each run."""
     if len(atoms) > _MAX_ATOMS:
         message = f'the formula has {len(atoms)} atoms; at most {_MAX_ATOMS} are simulated'
         raise ReasoningError(message)

@@ -17,7 +17,7 @@ class Sum:
     """A sum of uncertain numbers and of certain terms.
 
     Args:
-        factors: of the uncertain numbers.
+        factors: the factors of the uncertain numbers.
         rest: the certain terms with their factors.
     """
 

@@ -69,8 +69,8 @@ class DecidedStarts(NamedTuple):
     """Start states that are decided together.
 
     Args:
-        group: before the deciding state.
-        holds: the verdict, of the half of the group.
+        group: their group before the deciding state.
+        holds: the verdict, on the half that the group stands for.
         runs: the start states.
         symbol: the truth of the atoms at the deciding state; None if a gap decides.
     """
@@ -103,9 +103,9 @@ def answers(decision: Decision | None, clocks: Clocks, begin: int, now: int) -> 
 
     Returns:
         The decision at the end: a move, or None if the automaton has none yet. The time before
-        which the answers stay the same, but for those that the age of the start changes; `now` if
-        starts of one age may differ. The age below which these do. The valid time from which on
-        starts give other answers. In nanoseconds.
+        which the answers stay the same, except for answers that depend on the age of the start;
+        `now` if starts of one age may differ. The age below which the excepted answers stay the
+        same. The valid time from which on starts give other answers. In nanoseconds.
     """
     until = age = younger = inf
     present, clocks = len(clocks), (*clocks, now)

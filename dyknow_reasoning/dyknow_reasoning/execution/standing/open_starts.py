@@ -1,9 +1,9 @@
 """The states from which an instance of a formula is undecided, in the locations of its automaton.
 
-Evaluations that begin at different states and are at one location with the same clocks have the
+Evaluations that begin at different states, but are at one location with the same clocks, have the
 same future. They are one *group*: a location, its clocks, and the runs of their start states. A
-clock that counts from the start state itself is `OWN`: it differs from start to start, but is
-known from the start. So a group moves as a whole, whatever its size. Only a guard with such a
+clock that counts from the start state itself is `OWN`: its value differs from start to start, but
+follows from the start. So a group moves as a whole, whatever its size. Only a guard with such a
 clock splits it, at one point of its runs: the clocks of later starts are later.
 
 Example, `p -> eventually[0, 5 s] q`, with a state each second:
@@ -16,20 +16,20 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
     6: p, not q        B (OWN): 2-3, 6     the guard `now - OWN > 5 s` splits off 0: false
     7: q                                   true from 2, 3, 6 and 7
 
-While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
-groups what the one before did: nothing. Then the states only join the group of the latest start,
-or the formula is true from them at once. Such states are only counted, until `wakes_at`.
+While the truth of the atoms stays the same, and no guard changes its answer, further states leave
+the groups as they are. A new state only joins the group of the latest start, or the formula is true
+from it at once. Such states are only counted, until `wakes_at`.
 
-So are states at which the oldest starts leave a group for one and the same other group, in which
-they stay, or at which the formula becomes true from them: these starts *fade* when they reach some
-age. Example, `always[0, 1 s] eventually[0, 0.5 s] p`, while p is false since a state at 7 s:
+Starts may also *fade* at some age: they leave their group for one and the same other group, and
+stay in it, or the formula becomes true from them. States at which the oldest starts only fade are
+counted, too. Example, `always[0, 1 s] eventually[0, 0.5 s] p`, while p is false since 7 s:
 
     age of a start    what remains
     less than 1 s     always[to start + 1 s] eventually[0, 0.5 s] p and eventually[to 7.5 s] p
     1 s or more       eventually[to 7.5 s] p
 
-Starts reach the age of 1 s at each state, but a step is necessary after 7.5 s only. The counted
-states are taken together when somebody asks, or before the next step (`catch_up`).
+At each state, some start reaches the age of 1 s, but a step is necessary after 7.5 s only. The
+counted states are processed together when somebody asks, or before the next step (`catch_up`).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ from dyknow_reasoning.progression.nodes import Node, bounds_of
 from dyknow_reasoning.progression.residual import growth_error
 
 _MAX_KNOWN: Final = 4096
-"""The most truths of the atoms for which results are kept."""
+"""The most symbols (truths of all atoms) whose results are kept."""
 
 _Fading: TypeAlias = tuple[int, Group]
 """An age in nanoseconds, and the group of the starts that reach it."""
@@ -100,7 +100,7 @@ class OpenStarts:
         """The starts; call `catch_up` before."""
         # The groups from which starts fade.
         self._fading: dict[Group, _Fading] = {}
-        # For each truth of the atoms the group that begins, and its `_rest`, from its oldest start.
+        # For each symbol, the group that begins, and its `_rest`, from its oldest start.
         self._begun: dict[int, Group] = {}
         self._known: dict[int, _Rest] = {}
         self._times = times
@@ -162,7 +162,7 @@ class OpenStarts:
         """Return True if the formula is undecided from a state on.
 
         Args:
-            number: of the state.
+            number: the number of the state.
             pessimistic: True if the pessimistic halves after a gap count.
         """
         if number >= self._counted:
@@ -273,8 +273,8 @@ class OpenStarts:
             symbol: the truth of the atoms of the formula at this state, as bits.
 
         Returns:
-            The starts from which it decides that the formula is false; if none may fade, all that
-            it decides, but for the state itself if the formula is true from it on.
+            The starts from which the state decides that the formula is false. If no start may fade,
+            all starts that it decides, except the state itself if the formula is true from it on.
         """
         number = len(self._times) - 1
         self.catch_up(number)
@@ -417,13 +417,13 @@ class OpenStarts:
 
 
 class RememberingStarts(OpenStarts):
-    """The undecided start states of an instance in which a past operator is over a future one.
+    """The undecided start states of an instance with a past operator over a future operator.
 
     A state does not decide the operands of such an operator at once (see `progression`). Their
-    remainders are the same for all start states, so they are progressed once for all: each
+    remainders are the same for all start states, so they are progressed once for all. Each
     state begins at a location that is the formula with the memories of all states before it. So
     each state needs a step. Example, `p -> once[0, 2 s] eventually[0, 1 s] q` with a state each
-    second, each number of a memory being that of a state, and ev(5) what remains of the operand,
+    second. A memory lists state: remainder, and ev(5) is what remains of the operand,
     `eventually[to 5 s] q`:
 
         state                      memory after it         what remains from the state on
@@ -451,7 +451,7 @@ class RememberingStarts(OpenStarts):
         return self._state(self._memory, self._memory.times_of(0))
 
     def _begin(self, number: int, now: int) -> None:
-        """Begin at the latest state, which the memory of the next one includes."""
+        """Begin at the latest state; the memory of the next state includes it."""
         automaton, before = self.template.automaton, self._memory
         step = before.location, self._symbol, (*before.times_of(now), now)
         self._initial = before

@@ -1,8 +1,8 @@
-"""The states from which a formula is undecided that has met unknown values.
+"""The states from which a formula is undecided, once it has met unknown values.
 
-What remains of the formula from each state on is progressed over all that the unknown values may
-be; states from which the same remains have one future. Of the past, what the next state looks back
-to is progressed once for all (`PossibleFormula.remember`). Example, `p -> eventually[0, 2 s] q`:
+The remaining formula from each state on is progressed over all possible values; states with the
+same remaining formula have one future. What the next state looks back to is progressed once, for
+all states (`PossibleFormula.remember`). Example, `p -> eventually[0, 2 s] q`:
 
     time, s    p          q        what may remain, from the states
     0          true       false    E(2 s): 0
@@ -10,8 +10,8 @@ to is progressed once for all (`PossibleFormula.remember`). Example, `p -> event
     3          false      false    true or E(3 s): 1          false from 0; true from 3
     4          false      false                               from 1, no state decides it any more
 
-A start that no state decides any more is *unknown*. In some cases, the formula may still be
-undecided from it, and become false later: a guard must then be closed. So these cases are
+A start is *unknown* once no state can decide it any more. In some cases, the formula may still be
+undecided from such a start, and become false later: a guard must then be closed. So these cases are
 progressed further, without a verdict. If they become too many, the doubt lasts.
 """
 
@@ -46,10 +46,10 @@ class PossibleDecision(NamedTuple):
     """Starts with the same verdict.
 
     Args:
-        formula: what remained of it.
+        formula: what remained of the formula.
         verdict: the verdict; None if no state decides it.
         runs: the starts.
-        loss: why no state decides it.
+        loss: why no state decides the verdict.
     """
 
     formula: PossibleFormula
@@ -69,7 +69,7 @@ class PossibleStarts:
     Args:
         beginning: the formula from the next state on.
         times: the valid times of the states.
-        limit: of the possibilities of one formula.
+        limit: the most possibilities of one formula.
     """
 
     def __init__(self, beginning: PossibleFormula, times: StateTimes, limit: int) -> None:
@@ -79,10 +79,10 @@ class PossibleStarts:
         # when they became unknown.
         self._cases: dict[Any, tuple[PossibleFormula, list[Run], PossibleFormula]] = {}
         self._has_failed = False
-        # Those whose cases are too many, and what remained of one of them.
+        # The starts with too many cases, and what remained from one of them.
         self._lost: list[Run] = []
         self._lost_origin = beginning
-        # Starts from which the formula may be false, and is, before undecided ones.
+        # Starts before undecided ones, from which the formula may be false, and is false.
         self._suspects: list[Run] = []
         self._false: list[Run] = []
         self.doubt: tuple[int, PossibleFormula] | None = None
@@ -142,7 +142,7 @@ class PossibleStarts:
                 yield PossibleDecision(formula, None, runs, formula)
 
     def add_false(self, runs: Sequence[Run]) -> None:
-        """Add starts from which the formula is false, in whatever case."""
+        """Add starts from which the formula is false in all cases."""
         self._false = union(self._false, runs)
         cases, self._cases = self._cases.values(), {}
         for formula, others, origin in cases:
@@ -163,7 +163,7 @@ class PossibleStarts:
         for formula, runs, origin in before:
             try:
                 formula.step_cases(now, values)
-            except ReasoningError:  # It must not end the formula, which needs no verdict on them.
+            except ReasoningError:  # The formula goes on: it needs no verdict on these starts.
                 self._lose_cases(runs, origin)
                 continue
             if formula.fails_now:
@@ -178,7 +178,7 @@ class PossibleStarts:
         self._lost, self._lost_origin = union(self._lost, runs), origin
 
     def _end_suspicions(self, number: int) -> None:
-        """Forget the false starts before those that are decided in all cases."""
+        """Forget false starts that are followed by starts decided in all cases."""
         if self._suspects or self._false:
             unknown = (runs for _, runs, _ in self._cases.values())
             undecided = union_of([*unknown, *self.runs(Half.WHOLE)])
@@ -234,7 +234,7 @@ class PossibleStarts:
 
     @staticmethod
     def verdict(decided: PossibleDecision, run: Run) -> PossibleVerdict | InstanceVerdict:  # noqa: ARG004
-        """Return the verdict from a run of some starts on, which have one."""
+        """Return the verdict from a run of some starts on; they must have one."""
         assert decided.verdict is not None  # noqa: S101
         return decided.verdict
 
@@ -261,13 +261,13 @@ class PossibleStarts:
         """Return the number of the first undecided start, or of the next state.
 
         Args:
-            own: True if only times of states are needed, which it does not read.
+            own: True if only the states count whose times the starts read: none here.
         """
         firsts = (runs[0].first for _, runs in self._groups.values() if not own)
         return min(firsts, default=len(self._times))
 
 
 def _before(runs: Sequence[Run], others: Sequence[Run]) -> list[Run]:
-    """Return the states of some runs whose next ones are in others."""
+    """Return the states of some runs whose next state is in `others`."""
     previous = [each._replace(first=each.first - 1, last=each.last - 1) for each in others]
     return difference(runs, difference(runs, previous))

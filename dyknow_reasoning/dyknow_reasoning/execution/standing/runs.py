@@ -34,7 +34,7 @@ def count_states(runs: Iterable[Run]) -> int:
 
 
 def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
-    """Return the states of either, as few runs in their order; each argument is in order."""
+    """Merge runs into the fewest runs, in order; each argument must be in order."""
     if not some or not others:
         return [*some, *others]
     if others[-1].last < some[0].first:
@@ -61,7 +61,7 @@ def add_latest(runs: list[Run], run: Run) -> None:
 
 
 def number_in(runs: Sequence[Run], number: int) -> bool:
-    """Return True if a state is in one of the runs, which are in order."""
+    """Return True if a state is in one of the runs, which must be in order."""
     at = bisect_left(runs, number, key=lambda run: run.last)
     return at < len(runs) and runs[at].first <= number
 
@@ -100,11 +100,11 @@ def coalesced(runs: Iterable[Run]) -> list[Run]:
 
 
 class StateTimes:
-    """The valid times of the latest states, by their numbers, which count from 0."""
+    """The valid times of the latest states, by their numbers; the first state has number 0."""
 
     def __init__(self) -> None:
         self.kept: list[int] = []
-        """Those that are not forgotten."""
+        """The times that are not forgotten."""
         self._first = 0
         # Appends the valid time of the next state.
         self.append = self.kept.append
@@ -130,18 +130,18 @@ class StateTimes:
         return number < self._first
 
     def forget(self, before: int) -> None:
-        """Forget the times of the states before the one of a number."""
+        """Forget the times of the states before a number."""
         del self.kept[: max(before - self._first, 0)]
         self._first = max(self._first, before)
 
 
 def split(runs: list[Run], time: float, times: StateTimes) -> tuple[list[Run], list[Run]]:
-    """Return the states of runs before a time, and those from then on.
+    """Split runs at a time into the states before it and the states from then on.
 
     Args:
-        runs: in order.
-        time: in nanoseconds.
-        times: of all states of the runs.
+        runs: the runs, in order.
+        time: the time, in nanoseconds.
+        times: the times of all states of the runs.
     """
     if not runs or runs[-1].end < time:
         return runs, []

@@ -56,11 +56,11 @@ KEPT_FAILURES: Final = 10
 """The failures that are kept after they have ended."""
 
 _CLEANUP_STATES: Final = 4096
-"""The period in which what is no longer needed is dropped."""
+"""The number of states between two clean-ups."""
 
 _Decision: TypeAlias = DecidedStarts | PossibleDecision
 _VerdictOf: TypeAlias = Callable[[Any, Run], InstanceVerdict | PossibleVerdict]
-"""Returns the verdict from the first state of a run of a decision on."""
+"""Given a decision and one of its runs, returns the verdict from the run's first state on."""
 
 
 class StandingMonitor:
@@ -71,8 +71,8 @@ class StandingMonitor:
     Args:
         formula_id: the formula.
         instances: the formula holds if all of them do.
-        kinds: of the features of the formula.
-        limits: of the formula.
+        kinds: the kinds of the features of the formula.
+        limits: the limits of the formula.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class StandingMonitor:
         templates = {node: Template(node) for node in {each.node for each in found}}
         self._templates = list(templates.values())
         self._starts = [open_starts(each, templates[each.node], self._times) for each in found]
-        # Instead of these, once the formula has met unknown values.
+        # Replaces `_starts` once the formula has met unknown values.
         self._possible: PossibleStarts | None = None
         self._keeps_times = False
         self._read = self._reader(kinds)
@@ -96,15 +96,15 @@ class StandingMonitor:
         self._symbols = [-1] * len(self._starts)
         self._limits = limits
         self._keeps_failures = self._gap_follows = False
-        # Of each instance, `wakes_at` of its starts.
+        # For each instance, `wakes_at` of its starts.
         self._ends: list[float] = [-inf] * len(self._starts)
-        # The earliest of these: states before that repeat the truth of the atoms need no step.
+        # The earliest of `_ends`: an earlier state with an unchanged symbol needs no step.
         self._wakes_at: float = -inf
         self._log: VerdictLog | None = None
         self._forgotten_fails = self._forgotten_unknown = 0
         # The starts from which the formula cannot become true, because of a gap.
         self._unprovable: list[Run] = []
-        # With more times, what is no longer needed is dropped.
+        # With more times than this, a clean-up is due.
         self._most_kept = _CLEANUP_STATES
 
     def _reader(self, kinds: Kinds) -> JointReader:
@@ -129,11 +129,11 @@ class StandingMonitor:
         """Progress over unknown values, too, from the next state on.
 
         Args:
-            registers: of the past operators.
+            registers: the registers of the past operators.
             unknown: the features that may be unknown.
 
         Returns:
-            False if it cannot be done, as a gap or an error has an effect on a past operator.
+            False if this is impossible, because a gap or an error affects a past operator.
 
         Raises:
             ReasoningError: if the formula is undecided from a state that is too long ago.
@@ -153,7 +153,7 @@ class StandingMonitor:
         return True
 
     def _move_starts(self, possible: PossibleStarts, of: Instances) -> None:
-        """Move the undecided starts; those that a gap has split are lost."""
+        """Move the undecided starts; starts that a gap has split are lost."""
         undecided = self.undecided()
         if undecided and self._times.is_forgotten(undecided[0].first):
             raise ReasoningError(
@@ -172,10 +172,10 @@ class StandingMonitor:
 
     @property
     def doubt(self) -> Doubt:
-        """For want of which features it is possible that a failure has not ended.
+        """The features whose values are lacking to know whether a failure has ended.
 
-        That is so at each state with which a failure may have begun, and as long as it is not
-        certain that the formula holds after that.
+        There is doubt at each state with which a failure may have begun, and until it is certain
+        that the formula holds after that state.
         """
         possible = self._possible
         if possible is None or possible.doubt is None:
@@ -213,12 +213,12 @@ class StandingMonitor:
 
     @property
     def failures(self) -> Sequence[Failure]:
-        """In the order of their states; those that have ended are forgotten after a while."""
+        """The failures in the order of their states; ended ones are forgotten after a while."""
         return self._failures.kept
 
     @property
     def failure_count(self) -> int:
-        """The number of all failures, also of those that are forgotten."""
+        """The number of all failures, including forgotten ones."""
         return self._failures.count
 
     @property
@@ -264,7 +264,7 @@ class StandingMonitor:
         return [self._possible] if self._possible else self._starts
 
     def _undecided(self) -> list[Run]:
-        """Return the starts from which an instance is undecided, if that matters."""
+        """Return the starts from which an undecided instance still matters."""
         found: list[Run] = []
         for half in Half:
             runs = chain.from_iterable(each.runs(half) for each in self._all)

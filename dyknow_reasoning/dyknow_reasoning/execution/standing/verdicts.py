@@ -20,9 +20,9 @@ class Failure:
 
     Args:
         run: the states.
-        verdict: on the instance that was false from the first of them on.
-        decided_at: the valid time of the deciding state of the first one, in nanoseconds.
-        values: of that state.
+        verdict: the verdict on the instance that was false from the first state on.
+        decided_at: the valid time of the state that decided this verdict, in nanoseconds.
+        values: the values of the deciding state.
         has_ended: True once the formula holds from the state after the last one on.
     """
 
@@ -37,9 +37,9 @@ class Failures:
     """The failures of a formula, in the order of their states.
 
     Attributes:
-        kept: those that are not forgotten.
-        waiting: those that have not ended.
-        count: the number of all, also of those that are forgotten.
+        kept: the failures that are not forgotten.
+        waiting: the failures that have not ended.
+        count: the number of all failures, including forgotten ones.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class Failures:
         self.count = 0
 
     def add(self, run: Run, failure_of: Callable[[Run], Failure]) -> bool:
-        """Join states with the failures beside them; return True if there are none.
+        """Join states with adjacent failures; return True if there are none.
 
         Args:
             run: the states.
@@ -78,7 +78,7 @@ class Failures:
         self.waiting.remove(failure)
 
     def last_around(self, number: int) -> int | None:
-        """Return the number of the last state of the failure that a state is in; None if none."""
+        """Return the last state of the failure that contains a state; None if no failure does."""
         at = bisect_left(self.kept, number, key=lambda each: each.run.last)
         if at < len(self.kept) and self.kept[at].run.first <= number:
             return self.kept[at].run.last
@@ -86,20 +86,20 @@ class Failures:
 
     @property
     def runs(self) -> list[Run]:
-        """The states of those that are kept."""
+        """The states of the kept failures."""
         return [each.run for each in self.kept]
 
 
 class VerdictLog:
     """When the formula was decided from each state on, by the numbers of the states.
 
-    States that are in no dictionary, and not undecided, are decided by themselves: true.
+    A state that is in no dictionary, and not undecided, is true, and decided by itself.
 
     Attributes:
         true_at: the time of the deciding state, in nanoseconds.
-        false_at: the same.
-        unprovable: the gap that prevents that the formula becomes true; what remained of it if
-            its verdict depends on unknown values.
+        false_at: the same for the verdict false.
+        unprovable: the gap that keeps the formula from becoming true; what remained of the
+            formula if its verdict depends on unknown values.
     """
 
     def __init__(self) -> None:

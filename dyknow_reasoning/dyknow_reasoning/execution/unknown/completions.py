@@ -1,9 +1,9 @@
-"""What an unknown value may be, as far as atoms tell: one representative of each case.
+"""The possible values of an unknown feature: one representative of each case that atoms tell apart.
 
-A number is compared with constants and with other features. Its order relative to all of these is
-what atoms can tell, so it has a representative for each place between them: of an x in `x > 1 and
-x < y`, with y = 3 known, these are 0, 1, 2, 3 and 4. If y is unknown, too, it is chosen relative
-to the x that was chosen before. As numbers are dense, each order is found that way.
+A number is compared with constants and with other features. Atoms can only tell its order relative
+to these, so the number has one representative for each place between them. For x in `x > 1 and
+x < y`, with y = 3 known, the representatives are 0, 1, 2, 3 and 4. If y is unknown, too, it is
+chosen relative to the x that was chosen before. As numbers are dense, this finds each order.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ _SEPARATOR: Final = '\x00'
 """In no text of a formula or a message."""
 
 _MAX_PARTS: Final = 10
-"""The most parts that a text may be searched for: there are 2 ** 10 choices of those."""
+"""The most parts that a text may be searched for: 2 ** 10 combinations are tried."""
 
 
 class Completions:
     """The cases of the values of the features in some atoms.
 
     Args:
-        atoms: those that see the values, for which `is_exact` is True.
-        kinds: of the features.
+        atoms: the atoms that read the values, for which `is_exact` is True.
+        kinds: the kinds of the features.
         unknown: the bounds of the features.
     """
 
     def __init__(self, atoms: Iterable[Atom], kinds: Kinds, unknown: UnknownFeatures) -> None:
         self._unknown = unknown
-        # What each feature is compared with, and of what kind it is.
+        # What each feature is compared with, and its kind.
         self._tests: defaultdict[str, dict[tuple[str, Value], None]] = defaultdict(dict)
         self._kinds: dict[str, Kind] = {}
-        # The features that each one is compared with, directly or through others; itself, too.
+        # The features that each feature is compared with, directly or through others; and itself.
         self._linked: dict[str, set[str]] = {}
         # Representatives within the latest bounds.
         self._found: dict[str, tuple[Range, Sequence[Any]]] = {}
@@ -68,8 +68,8 @@ class Completions:
 
         Args:
             name: the feature.
-            values: those that are known, or were chosen before.
-            errors: of the features that are unknown.
+            values: the values that are known, or were chosen before.
+            errors: the errors of the features that are unknown.
         """
         linked = self._linked.get(name, {name})
         ranges = {
@@ -124,7 +124,7 @@ class Completions:
                 return _numbers(pins, ranges[name])
 
     def _distinct(self, name: str, found: Sequence[Any]) -> Sequence[Any]:
-        """Return one of those that no test tells apart."""
+        """Return one value of each set that no test tells apart."""
         tests = [(COMPARISONS[symbol], value) for symbol, value in self._tests[name]]
         if self._kinds.get(name) is Kind.BOOLEAN:
             return found
@@ -159,7 +159,7 @@ def is_exact(atom: Atom, kinds: Kinds) -> bool:
 
 
 def _present(term: Term) -> Term:
-    """Return the term whose value at some state before it is, if it is one."""
+    """Return the term whose earlier value a term is; the term itself if it has no `prev`."""
     return _present(term.body) if isinstance(term, ValueBefore) else term
 
 
@@ -184,8 +184,8 @@ def _between(low: float, high: float) -> float:
 def _texts(tests: Iterable[tuple[str, Any]], others: Sequence[str]) -> Sequence[str]:
     """Return texts with each combination of what they equal, start with and contain.
 
-    A text whose longest prefix among some is p, and which contains some parts, is like p and these
-    parts with separators between them. More separators tell it from those that were chosen before.
+    A text with the longest prefix p and with some parts behaves like p and these parts with
+    separators between them. More separators tell it from texts that were chosen before.
     """
     tests = list(tests)
     equal = {value for symbol, value in tests if symbol in {'=', '!='}}

@@ -1,4 +1,4 @@
-"""Instances of one formula, and what those that share open values depend on."""
+"""Instances of one formula, and the values that connected instances depend on."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Instances:
     """Instances of one formula by their orders in it, and what they are progressed with.
 
     Args:
-        states: of the instances.
-        registers: those of all past operators, inner ones first.
+        states: the states of the instances.
+        registers: the registers of all past operators, inner ones first.
         unknown: the features that may be unknown.
-        limits: of formulas.
+        limits: the limits of formulas.
     """
 
     def __init__(
@@ -85,12 +85,12 @@ class FormulaPart:
         """The ground features that they depend on."""
         remembers = any(each.node.looks_back for each in instances.values())
         self.past_features = features_of(atoms if remembers else past)
-        """Those whose past they depend on."""
+        """The features whose past the instances depend on."""
         self.has_past = remembers or bool(self.registers)
-        """True if they depend on earlier states."""
+        """True if the instances depend on earlier states."""
         self.kinds = next(iter(instances.values())).kinds
         self.exact = {atom for atom in atoms if self._is_exact(atom)}
-        """The atoms whose truth representatives of unknown values tell."""
+        """The atoms whose truth follows from representatives of unknown values."""
         self.completions = Completions(
             filter(self.exact.__contains__, atoms), self.kinds, of.unknown
         )

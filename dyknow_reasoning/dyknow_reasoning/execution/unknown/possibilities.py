@@ -1,13 +1,13 @@
-"""What may remain of instances that share open values: one possibility for each case.
+"""The possible remaining formulas of instances that share open values, one for each case.
 
-An *open* value is unknown, or one of `Alternatives`, as the clocks of hosts leave the order open.
-Alternatives that are an interval are an unknown value with bounds of its own.
+An *open* value is unknown, or has `Alternatives`, because the clocks of hosts leave the order of
+samples open. Alternatives that are an interval are an unknown value with bounds of its own.
 
-A *possibility* is where each instance is in its automaton, and what the past operators remember. At
-a state with open values, each possibility leads to one for each case of these values (see
-`completions`); equal ones are kept once, so a value that makes no difference leaves no trace. Where
-an atom calculates with an unknown value, it is taken to be either true or false: then there may be
-possibilities that no values lead to, and a formula may stay undecided that need not, but no verdict
+A *possibility* is the place of each instance in its automaton, with the memories of the past
+operators. At a state with open values, each possibility leads to one for each case of these values
+(see `completions`). Equal possibilities are kept once, so a value that makes no difference leaves
+no trace. An atom that calculates with an unknown value is tried as true and as false. This may add
+possibilities that no values lead to: then a formula may stay undecided without need, but no verdict
 is wrong. Example, `always (p -> eventually[0, 2 s] q)`, with `E` for `eventually[to 2 s] q`:
 
     time, s    p          q          possibilities
@@ -53,8 +53,8 @@ class Possibility:
     """What may remain of some instances.
 
     Args:
-        places: of those that are not decided, by the numbers of the instances.
-        memories: of the past operators, by their fields.
+        places: the places of the undecided instances, by the numbers of the instances.
+        memories: the memories of the past operators, by their fields.
     """
 
     places: Mapping[int, Place]
@@ -75,9 +75,9 @@ class Possibilities:
 
     Args:
         part: the instances.
-        found: their possibilities, as no instance is decided.
+        found: their possibilities, while no instance is decided.
         wants: since when each open feature makes a difference, in nanoseconds.
-        reason: why values with alternatives make one; empty if none do.
+        reason: why values with alternatives make a difference; empty if none do.
     """
 
     def __init__(
@@ -89,13 +89,13 @@ class Possibilities:
     ) -> None:
         self.part, self.found, self.wants, self.reason = part, found, dict(wants), reason
         self.may_hold = self.may_fail = False
-        """True if the instances hold in some case, or one of them fails."""
+        """True if, in some case, all instances hold; and if, in some case, one of them fails."""
         self.fails_now = False
         """True if one of them failed in some case with the latest state."""
         self.dropped: Sequence[Possibility] = ()
-        """Those that can no longer lead to a verdict, as the instances may hold and may fail."""
+        """Possibilities that cannot lead to a verdict any more, as instances may hold and fail."""
         self.deciding: Mapping[bool, DecidingTruth] = {}
-        """For each verdict, what leads to it, whatever the other open values are."""
+        """For each verdict, the truth that leads to it, whatever the other open values are."""
         self.is_apart = False
         """True if others chose representatives of their own for a value that they share."""
 
@@ -108,7 +108,7 @@ class Possibilities:
 
     @property
     def key(self) -> Hashable:
-        """Equal for those with one future."""
+        """Equal for possibilities with the same future."""
         found = frozenset(each.key for each in self.found)
         return frozenset(self.part.instances), found, self.may_hold, self.may_fail
 
@@ -129,7 +129,7 @@ class Possibilities:
     def joined(self, other: Possibilities) -> Possibilities:
         """Return the possibilities of the instances of both.
 
-        Those that disagree about a past operator of both are none.
+        Two possibilities that disagree about a shared past operator are not combined.
         """
         part = self.part.of.part([*self.part.instances, *other.part.instances])
         cases = ([*each.found, *([_HOLDS] if each.may_hold else ())] for each in (self, other))
@@ -160,7 +160,7 @@ class Possibilities:
         yield from map(self.of_one, self.found[0].places)
 
     def of_one(self, number: int) -> Possibilities:
-        """Return the possibilities of one instance, of whose cases none has failed."""
+        """Return the possibilities of one instance that has not failed in any case."""
         part, found = self.part.of.part([number]), {}
         left = [each for each in self.found if number in each.places]
         for each in left:
@@ -187,13 +187,13 @@ class Possibilities:
 
         Args:
             time: its valid time, in nanoseconds.
-            values: of the features.
+            values: the values of the features.
             opened: the features whose values are open.
             begins_later: True if the state is in the past of the instances.
 
         Raises:
-            ReasoningError: for too many possibilities, a possibility that is too large, or a value
-                that is unusable.
+            ReasoningError: for too many possibilities, a possibility that is too large, or an
+                unusable value.
         """
         state = _OpenState.of(self.part, values, opened)
         limit = self.part.of.limits.possibility_limit
@@ -235,11 +235,11 @@ class _OpenState:
     """The values of a state, by the features of some instances.
 
     Args:
-        known: those that are known.
-        errors: of those that are unknown, or within an interval.
-        either: those that are one of several.
-        reasons: of those with alternatives.
-        bounded: what the bounds of values say about atoms, if that is the same in all cases.
+        known: the known values.
+        errors: the errors of values that are unknown, or within an interval.
+        either: the possible values of features with several.
+        reasons: the reasons of the alternatives.
+        bounded: the truth of atoms that the bounds of values decide in all cases.
     """
 
     known: Mapping[str, Any]
@@ -250,7 +250,7 @@ class _OpenState:
 
     @classmethod
     def of(cls, part: FormulaPart, values: Values, opened: Collection[str]) -> _OpenState:
-        """Return the values of a part, some of which are open."""
+        """Return the values of a part; some may be open."""
         own = {name: values.get(name) for name in opened if name in part.features}
         given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
         bounds = {name: each.bounds for name, each in given.items() if each.is_interval}
@@ -267,7 +267,7 @@ class _OpenState:
 
 
 class _Run:
-    """One case of the open values of a state, which are chosen as they are asked for."""
+    """One case of the open values of a state; a value is chosen when it is first read."""
 
     def __init__(self, of: FormulaPart, choose: Choose, state: _OpenState) -> None:
         self._of, self._choose, self._state = of, choose, state
@@ -321,18 +321,18 @@ class _Run:
             )
 
     def _memories(self, before: Possibility, time: int) -> dict[str, Any]:
-        """Return the memories of the past operators after the state, whose truth is known then."""
+        """Return the memories of the past operators after the state; their truth is known then."""
         memories: dict[str, Any] = {}
         for field, register in self._of.registers.items():
             if field not in before.memories:
-                continue  # Of instances that are decided.
+                continue  # The operator of a decided instance.
             memories[field] = memory = before.memories[field].of_row(0)
             holds = self._past(register, memory, time)
             self._values[field] = self._incomplete[field] = self.truths[register.atom] = holds
         return memories
 
     def _past(self, register: PastRegister, memory: Any, time: int) -> bool:
-        """Return the truth of a past operator, whose memory takes the state."""
+        """Let the memory of a past operator take the state; return the truth of the operator."""
         if isinstance(register, Register):
             symbol = self._symbol(register.operands.atoms, register.mask)
             holds: bool = memory.step(time, *register.sides[symbol]) != register.is_negated
@@ -405,7 +405,7 @@ def _deciding(
 
 
 class _Completed(dict[str, Any]):
-    """Values of a state; those that are open are chosen when they are read."""
+    """Values of a state; open values are chosen when they are read."""
 
     def __init__(self, known: Mapping[str, Any], choose: Any) -> None:
         super().__init__(known)

@@ -1,7 +1,7 @@
-"""Formulas that have met open values, progressed over all that these may be.
+"""Formulas that have met open values, progressed over all possible values.
 
-A value is open that is unknown, or one of `Alternatives`. A formula that can become neither true
-nor false stays undecided for want of unknown values; because of alternatives, it fails.
+An open value is unknown, or has `Alternatives`. If a formula can become neither true nor false, it
+stays undecided because of unknown values, but fails because of alternatives.
 """
 
 from __future__ import annotations
@@ -70,11 +70,11 @@ class PossibleVerdict:
 
 
 class Doubt(NamedTuple):
-    """For want of what a formula is undecided.
+    """The values for want of which a formula is undecided.
 
     Args:
         wants: since when each open feature makes a difference, in nanoseconds.
-        text: says so, and what decides alone, for people; empty if nothing is open.
+        text: names them, and any value that decides alone, for people; empty if none is open.
     """
 
     wants: Mapping[str, int]
@@ -87,12 +87,12 @@ NO_DOUBT: Final = Doubt({}, '')
 class PossibleFormula:
     """An undecided formula and what may remain of it.
 
-    Instances that no open value has connected are progressed apart: the formula holds if all of
-    them do for all values, and is false if those that are connected fail for all values.
+    Instances that no open value has connected are progressed apart. The formula holds if all
+    instances hold for all values; it is false if connected instances fail for all values.
 
     Args:
         of: its instances.
-        parts: what may remain of them.
+        parts: the possible remaining formulas of the instances.
         latest: the valid time of the latest state, in nanoseconds.
     """
 
@@ -201,7 +201,7 @@ class PossibleFormula:
 
     @property
     def doubt(self) -> Doubt:
-        """For want of what it is undecided."""
+        """The values for want of which the formula is undecided."""
         if not (wants := self.wants):
             return NO_DOUBT
         text = f'undecided for want of {wants_text(wants)}'
@@ -355,7 +355,7 @@ class PossibleFormula:
         """Forget what full automata know, but for the locations in use.
 
         Args:
-            others: those that use the same automata.
+            others: the formulas that use the same automata.
         """
         for template in set(self._of.templates.values()):
             if template.automaton.is_full:
@@ -380,7 +380,7 @@ def possible_formula(
 
     Args:
         of: its instances.
-        states: of those that are undecided, in the automata of `of`.
+        states: the states of the undecided instances, in the automata of `of`.
         latest: the valid time of the latest state, in nanoseconds.
     """
     parts = []
@@ -397,7 +397,7 @@ class PossibleFormulas:
     """The formulas of a group that have met open values, by their ids.
 
     Args:
-        limits: of formulas.
+        limits: the limits of formulas.
     """
 
     def __init__(self, limits: FormulaLimits) -> None:
@@ -406,8 +406,8 @@ class PossibleFormulas:
         """The features that may be unknown."""
         self._limits = limits
         self.waiting: dict[int, list[str]] = {}
-        """Of the formulas that have met none yet, the features that may be unknown."""
-        # The features of all these; None if it is to be found out.
+        """The features that may be unknown, for each formula that has met no open value yet."""
+        # The features of all waiting formulas; None if they must be collected anew.
         self._watched: tuple[str, ...] | None = None
 
     def watch(self, formula_id: int, instances: Iterable[Instance]) -> bool:
@@ -457,8 +457,8 @@ class PossibleFormulas:
 
         Args:
             formula_id: the formula.
-            states: of its undecided instances.
-            registers: those of the group.
+            states: the states of its undecided instances.
+            registers: the registers of the group.
             latest: the valid time of the latest state, in nanoseconds.
             after_gap: True if states may be missing after it.
         """
@@ -498,7 +498,7 @@ class PossibleFormulas:
         return found
 
     def remove(self, formula_id: int) -> None:
-        """Remove a formula, if it is one of these."""
+        """Remove a formula, if it is known here."""
         self.formulas.pop(formula_id, None)
         if self.waiting.pop(formula_id, None):
             self._watched = None

@@ -156,7 +156,7 @@ class FieldVectors:
     """The vectors that instances read, each loaded once for all of them.
 
     Args:
-        shared: those that others read, too.
+        shared: the vectors that others read, too.
     """
 
     def __init__(self, shared: SharedVectors | None = None) -> None:
@@ -227,7 +227,7 @@ _CONSTANTS = Number | TextLiteral | Truth
 
 
 def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
-    """Return the truth of atoms as bits; the atoms are given by their slots, which increase."""
+    """Return the truth of atoms as bits; the slots of the atoms must increase."""
     integer = _integer_for(truths[-1][0])
     found: Array | None = None
     for slot, holds in truths:
@@ -265,7 +265,7 @@ def column_vector(column: Iterable[Any]) -> Array:
 
 
 def is_masked(column: Array) -> bool:
-    """Return True for an array of `numpy.ma`, which is imported for the arrays of others alone."""
+    """Return True for an array of `numpy.ma`; plain arrays do not load that module."""
     return type(column) is not np.ndarray and isinstance(column, np.ma.MaskedArray)
 
 
@@ -359,7 +359,7 @@ def _are_small(sides: Iterable[Array]) -> bool:
 
 
 MAX_BATCH_SLOTS: Final = 6
-"""The most atoms of instances in a batch, for which there are 2 ** 6 symbols."""
+"""The most atoms of an instance in a batch: they have 2 ** 6 symbols."""
 
 
 def batch_key(instance: Instance, kinds: Kinds) -> Hashable:
@@ -401,4 +401,4 @@ def term_form(term: Term | Comparison, kinds: Kinds) -> Any:  # noqa: PLR0911 - 
         case Feature() | FieldReference():
             return ('field', kind_of(term, kinds))
         case _:
-            return None  # An object, which is compared with the text of a field.
+            return None  # An object: it is compared with the text of a field.

@@ -30,7 +30,7 @@ class Batch:
     """Undecided instances with one batch key.
 
     Args:
-        states: of the instances.
+        states: the states of the instances.
         latest: the valid time of the latest state, in nanoseconds.
     """
 
@@ -71,11 +71,11 @@ class Batch:
         return self.of_instances(self.loaded_symbols())
 
     def loaded_symbols(self) -> Array:
-        """Return the same for all instances for which values are loaded, also those gone."""
+        """Return the symbols of all instances with loaded values, including removed instances."""
         return bits(self._truths)
 
     def of_instances(self, loaded: Array) -> Array:
-        """Return the symbols of the instances among those for which values are loaded."""
+        """Select the symbols of the present instances from all loaded symbols."""
         return loaded if self._rows is None else loaded[..., self._rows]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[InstanceVerdict]:

@@ -1,9 +1,9 @@
 """Vectors of instances of one template: where each instance is in the automaton.
 
-`TabulatedVectors` holds the number of a configuration for each instance, which suits steps of time
-that repeat. After too many different steps, `ClockedVectors` takes its place: it holds the number
-of a location for each instance, and a row for each clock (a clock vector). Instances at one
-location that see the same truth of the atoms make their step together.
+`TabulatedVectors` holds the number of a configuration for each instance; this suits steps of time
+that repeat. After too many different steps, `ClockedVectors` replaces it, with the number of a
+location for each instance, and a row for each clock (a clock vector). Instances at one location
+that see the same truth of the atoms step together.
 
 Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with four instances
 in ClockedVectors, at a state at 6 s; times are in seconds:
@@ -42,7 +42,7 @@ _UNKNOWN = -1
 _ZERO = np.array(0)
 
 MAX_VECTOR_TIME: Final = 1 << 62
-"""The largest absolute time whose differences from others fit into vectors, in nanoseconds."""
+"""The largest absolute time: differences of such times fit into vectors, in nanoseconds."""
 
 Indices: TypeAlias = 'slice | Array'
 
@@ -66,7 +66,7 @@ class Decided(NamedTuple):
 class TabulatedVectors:
     """The configuration of each instance: its number times `width`, a row of the tables.
 
-    `width` is the number of possible symbols, which are the truths of the atoms as bits.
+    `width` is the number of possible symbols (the truth of all atoms as bits).
     """
 
     def __init__(self, template: Template, numbers: Array, width: int) -> None:
