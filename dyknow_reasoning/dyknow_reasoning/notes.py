@@ -28,7 +28,7 @@ class FormulaNote:
 
     Args:
         message: the note, without its position.
-        position: of the place.
+        position: the position of the place.
         formula: the whole text.
     """
 

@@ -136,9 +136,8 @@ def _first(states: Iterable[InstanceState]) -> Iterator[InstanceState]:
 def windows_of_known_origin(formula: Node) -> frozenset[Sides]:
     """Return the windows without an end that are open one at a time.
 
-    These are the windows that are reached at the first state only. Below windows of one kind, they
-    are also the windows whose end decides the whole formula, or satisfies the next window at the
-    same state.
+    These are the windows that are reached at the first state only. Below windows of one kind, also
+    the windows whose end decides the whole formula, or satisfies the next window at that state.
 
     Args:
         formula: a formula that has seen no state.

@@ -256,7 +256,7 @@ class Kept(SyntaxNode):
     """The value that a term had at the state at which `let NAME = TERM in` was reached.
 
     Args:
-        name: of the value.
+        name: the name of the value.
         body: the term.
     """
 

@@ -44,10 +44,10 @@ class WrittenOperator(SyntaxNode):
     """`holds until`, `unless` or `release`, which parsing replaces by its meaning.
 
     Args:
-        word: of the operator.
+        word: the word of the operator.
         left: the left side.
         right: the right side.
-        interval: of the operator.
+        interval: the interval of the operator.
     """
 
     word: str

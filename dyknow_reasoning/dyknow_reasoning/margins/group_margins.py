@@ -17,7 +17,7 @@ class GroupMargins:
     """Computes the margins of the formulas for which they are requested.
 
     Args:
-        limit: of the operators of a formula.
+        limit: the limit of the operators of a formula.
         past: reads values of the past.
         links: reads the links of spatial operators.
 

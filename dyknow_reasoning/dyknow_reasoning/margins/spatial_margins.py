@@ -145,8 +145,8 @@ class Ends:
         """Return the margins.
 
         Args:
-            members: the margins of the operand at each object (left out if the operand holds along
-                the whole route), and last, the margins of the routes to the objects, or their truth.
+            members: the margins of the operand at each object (left out if routes include them),
+                and last, the margins of the routes to the objects, or their truth.
         """
         *operands, routes = members
         width = len(self.origins)

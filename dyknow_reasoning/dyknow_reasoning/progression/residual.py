@@ -71,7 +71,7 @@ def residual_text(node: Node, atoms: Sequence[Atom], wording: Wording = _NO_WORD
     Args:
         node: a formula whose bounds count from the latest state.
         atoms: the atom of each slot.
-        wording: of the formula; without it, the text is canonical.
+        wording: the wording of the formula; without it, the text is canonical.
     """
     texts: dict[Node, str] = {}
     # From the leaves up instead of by recursion: a remaining formula may nest very deeply.
@@ -96,7 +96,7 @@ def remaining_text(
         times: the times of the states that its bounds count from, in nanoseconds.
         now: the time of the present state.
         atoms: the atom of each slot.
-        wording: of the formula; without it, the text is canonical.
+        wording: the wording of the formula; without it, the text is canonical.
     """
     bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
     counted = NodeStore(Chronology(), [node]).renumbered(node, bounds)

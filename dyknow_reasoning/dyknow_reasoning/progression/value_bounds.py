@@ -45,7 +45,7 @@ def bounded_truth(atom: Atom, values: Values, range_of: RangeOf, kinds: Kinds) -
         atom: the comparison; other atoms have no bounds.
         values: the values of the features; an UnknownValueError for an unknown value.
         range_of: returns the bounds of an unknown feature.
-        kinds: of the features.
+        kinds: the kinds of the features.
 
     Raises:
         ReasoningError: for a value that is unusable.

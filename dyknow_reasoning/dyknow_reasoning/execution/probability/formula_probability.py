@@ -11,9 +11,8 @@ Samples of a particle filter are counted, for an interval with a confidence.
 
 Distances, `abs(x)` and `hypot(x, y)`, have bounds if the joint distribution of their operands is
 known: from covariances, or because errors are independent (`distances`). Other functions of such
-numbers, and several atoms, are simulated at one state. Where atoms compare different sums of the
-same independent errors, `x - y < 2` and `x < 1`, runs are simulated, too, as there is no exact
-distribution.
+numbers, and several atoms, are simulated at one state. Runs are simulated, too, where atoms compare
+different sums of the same independent errors, `x - y < 2` and `x < 1`: they have no exact chain.
 
 The exact probability of a formula where the errors of all states are independent.
 
