@@ -72,8 +72,8 @@ def verdict_line(verdict: PlanVerdict, start: int) -> Text:
     """Return a line about a formula of a plan.
 
     Args:
-        verdict: of the formula.
-        start: of the scenario, in nanoseconds.
+        verdict: the verdict of the formula.
+        start: the start of the scenario, in nanoseconds.
     """
     since = '' if verdict.decided_at is None else f' at {round_time(verdict.decided_at - start)}'
     text = Text(f'  {verdict.position.action or _PLAN}: {verdict.position.formula} is ')

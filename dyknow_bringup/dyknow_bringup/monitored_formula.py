@@ -147,7 +147,7 @@ def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: in
 
     Args:
         monitored: the formulas.
-        start: of the monitoring, in nanoseconds.
+        start: the start of the monitoring, in nanoseconds.
         elapsed: nanoseconds since then.
     """
     columns = (named('formula'), fixed('verdict'), figure('since'), wide('why'))

@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the executable dyknow.
 
     Args:
-        arguments: of the command; None: the arguments of the process.
+        arguments: the arguments of the command; None: the arguments of the process.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
     if '_ARGCOMPLETE' in os.environ:

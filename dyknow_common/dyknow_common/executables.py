@@ -110,7 +110,7 @@ def describe(
     """Add to the help of a command what it does, and how it is used.
 
     Args:
-        parser: of the command.
+        parser: the parser of the command.
         description: what it does, as a sentence.
         examples: of command lines.
         exit_codes: what 0, 1 and 2 mean.

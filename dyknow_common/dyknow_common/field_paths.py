@@ -138,8 +138,8 @@ def key_array(
 
     Args:
         arrays: the listed arrays.
-        names: of the steps of a path.
-        number: of the step of the array.
+        names: the names of the steps of a path.
+        number: the number of the step of the array.
         field: the name of the key.
     """
     key = tuple(field.split('.'))
@@ -158,7 +158,7 @@ def element_fields(fields: FieldTypes, elements: ArrayElements) -> FieldTypes | 
     They are the element's, its number, and the message's.
 
     Args:
-        fields: of the message, with their types.
+        fields: the fields of the message, with their types.
         elements: the array whose elements become samples.
 
     Returns:
@@ -184,7 +184,7 @@ def absence(owner: str, fields: Collection[str] | FieldTypes, path: str) -> str:
     It suggests what may be meant, or else lists a few fields.
 
     Args:
-        owner: of the fields, `stream 'a'`.
+        owner: the owner of the fields, `stream 'a'`.
         fields: all fields of the owner.
         path: the path that is not listed.
     """

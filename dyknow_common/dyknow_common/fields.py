@@ -186,7 +186,7 @@ class ComputedField:
     Args:
         function: of many values, or of one.
         path: to the values.
-        condition: of each value.
+        condition: the condition of each value.
         others: further conditions, of values at other paths that belong to the same elements.
     """
 

@@ -12,8 +12,8 @@ class SourceField(NamedTuple):
     """A field of a built-in source.
 
     Args:
-        type: of its values.
-        unit: of its values; empty for none.
+        type: the type of its values.
+        unit: the unit of its values; empty for none.
     """
 
     type: ValueType

@@ -49,9 +49,9 @@ def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Itera
     at most MAX_LINE characters.
 
     Args:
-        path: of the file.
+        path: the path of the file.
         content: the kind of content in error messages, such as `streams`.
-        error_class: of the errors.
+        error_class: the error class of the errors.
 
     Raises:
         DyKnowError: of that class, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
@@ -146,9 +146,9 @@ def replace_file(path: Path, content: bytes, rights: int = 0o666) -> None:
     written to.
 
     Args:
-        path: of the file.
+        path: the path of the file.
         content: the new content.
-        rights: of the file, from which the umask of the process takes some.
+        rights: the rights of the file, from which the umask of the process takes some.
 
     Raises:
         OSError: if it cannot be written; the old content is left.

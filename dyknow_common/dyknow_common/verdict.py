@@ -37,7 +37,7 @@ class Margin:
     Args:
         lower: the least margin that is still possible.
         upper: the greatest one.
-        unit: of the comparison; empty for a number without a unit.
+        unit: the unit of the comparison; empty for a number without a unit.
         atom: the comparison that limits the margin; empty if none does.
     """
 
@@ -74,7 +74,7 @@ class ProbabilityInterval:
     Args:
         lower: the least probability that is possible.
         upper: the greatest one.
-        assumption: of the bounds, in words.
+        assumption: the assumption of the bounds, in words.
     """
 
     lower: float

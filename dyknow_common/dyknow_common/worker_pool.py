@@ -48,7 +48,7 @@ class WorkerPool:
     """Processes for work of one kind; they end with this process, also if it is killed.
 
     Args:
-        number: of processes; each starts with the first work that it gets.
+        number: the number of processes; each starts with the first work that it gets.
         memory: the number of bytes that each may use; None leaves them unlimited (as does Windows).
         forks: True to fork them from this process now, where that is safe.
         is_silent: True to drop what they print. A process that outlives a killed node would
@@ -85,7 +85,7 @@ class WorkerPool:
 
         Args:
             function: can be imported by its name; arguments and result can be pickled.
-            arguments: of the function.
+            arguments: the arguments of the function.
             limit_s: the seconds after which it is killed; None for any time.
 
         Raises:

@@ -33,7 +33,7 @@ class TopicExpectation:
         max_rate: the greatest.
         constraints: `max_gap`, `max_delay` and `max_lead` of its messages.
         stamped: True if each message has a stamp.
-        place: of the topic in the file.
+        place: the place of the topic in the file.
     """
 
     topic: str

@@ -50,7 +50,7 @@ class RequestedShare:
     """A feature that other hosts may ask for.
 
     Args:
-        name: of the feature.
+        name: the name of the feature.
         every: the least time between two samples that leave, in nanoseconds; 0: all samples leave.
         deadband: a sample leaves only if it differs by more than this from the last one, in the
             unit of the feature; None: all samples leave.
@@ -66,7 +66,7 @@ class RequestedFederation:
     """The role of a host in a federation.
 
     Args:
-        name: of this host among its peers.
+        name: the name of this host among its peers.
         connect: endpoints of zenoh to connect to, such as `tcp/basestation:7447`.
         listen: endpoints of zenoh that others connect to.
         share: the features that others may ask for; nothing else leaves.

@@ -113,8 +113,8 @@ def read_forecasts(
     """Return the forecasts of the features of a robot.yaml.
 
     Args:
-        values: of the file, by their keys.
-        vocabulary: of the file.
+        values: the values of the file, by their keys.
+        vocabulary: the vocabulary of the file.
         calibrated: False to leave the tables unread.
 
     Raises:

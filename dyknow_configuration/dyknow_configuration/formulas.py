@@ -57,7 +57,7 @@ def read_formulas(
     other has one formula a line; # begins a comment line.
 
     Args:
-        path: of the file.
+        path: the path of the file.
         constants: that the formulas may name.
         triggers: that the formulas may name.
         is_checked: True to check the formulas in lines, too.
@@ -96,7 +96,7 @@ def formulas_of(
     """Return formulas of lists of mappings, and of files that are named in their place.
 
     Args:
-        lists: of formulas.
+        lists: the lists of formulas.
         constants: that the formulas may name.
         triggers: that the formulas may name.
         within: the files, resolved, that name the files of the lists.

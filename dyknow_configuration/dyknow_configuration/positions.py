@@ -59,9 +59,9 @@ class PositionTexts:
     """What the positions of a robot.yaml make.
 
     Args:
-        streams: of the distances to regions, and of poses.
-        annotations: of these streams.
-        map: of the regions.
+        streams: the streams of the distances to regions, and of poses.
+        annotations: the annotations of these streams.
+        map: the map of the regions.
     """
 
     streams: tuple[InlineText, ...] = ()

@@ -234,7 +234,7 @@ def ontology_text(
 
     Args:
         vocabulary: the sorts, objects and features.
-        name: of the ontology, which becomes the prefix of its names.
+        name: the name of the ontology, which becomes the prefix of its names.
         relations: what is known of the relations of regions, by region.
     """
     lines = [_HEADER.format(iri=f'http://www.dyknow.org/robots/{name}')]

@@ -45,7 +45,7 @@ class RobotPart:
 
     Args:
         section: such as `features`.
-        name: of the entry; of a text of streams, what it makes.
+        name: the name of the entry; of a text of streams, what it makes.
         text: its lines, without the indentation and the dash of the section.
     """
 
@@ -71,19 +71,19 @@ class Recipe:
     """A formula that many robots must keep, with what it needs.
 
     Args:
-        name: of the recipe and its formula.
+        name: the name of the recipe and its formula.
         formula: in one line.
         description: what it says.
         area: the kind of robots, such as `ground`.
         problem: what goes wrong without it.
         source: where the problem comes from.
-        url: of the source; may be empty.
+        url: the URL of the source; may be empty.
         note: what to know about it; may be empty.
         satisfied: a trace that it holds for, in CSV.
         violated: a trace that it is false for.
         violated_at: when it is false, in nanoseconds.
         topics: that it needs, with their types.
-        parts: of a robot.yaml.
+        parts: the parts of a robot.yaml.
     """
 
     name: str
@@ -216,7 +216,7 @@ def add_recipe(path: Path, text: str, recipe: Recipe) -> AddedRecipe:
     """Return a robot.yaml with a recipe; what both have is kept as it is in the file.
 
     Args:
-        path: of the file, for messages.
+        path: the path of the file, for messages.
         text: of the file; may be empty.
         recipe: to add.
 

@@ -97,13 +97,13 @@ class MovingRegion:
     """A region whose outline is in the messages of a topic.
 
     Args:
-        name: of the object that it is.
+        name: the name of the object that it is.
         sorts: the sorts of that object, as they are stated.
-        frame: of the outline, in metres.
+        frame: the frame of the outline, in metres.
         altitude: its lowest and highest height, in metres; infinite without a bound.
         source: the stream of its `outline`, and of its `frame` if that is checked, without its
             constraints.
-        constraints: of that stream.
+        constraints: the constraints of that stream.
         is_checked: True if the frame of each message is compared.
         origin: where the file states it.
     """

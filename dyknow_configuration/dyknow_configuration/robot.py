@@ -46,7 +46,7 @@ class RequestedFormula:
         text: in the formula language.
         name: for people; empty for its text.
         description: what it says, for people.
-        severity: of its violation.
+        severity: the severity of its violation.
         constants: the values of names that the text does not define.
         every_state: True to ask it at every state.
         margin: True to compute how far it is from the change of its verdict.
@@ -87,7 +87,7 @@ class RequestedGuard:
     """A guard, which passes messages on while its formulas hold.
 
     Args:
-        name: of the guard and its node.
+        name: the name of the guard and its node.
         input: the topic of the messages.
         output: the topic on which it passes them on.
         formulas: all must hold.
@@ -96,7 +96,7 @@ class RequestedGuard:
         period: between two safe messages while no message comes, in nanoseconds.
         latch: True if a guard that has closed stays closed until it is reset.
         timeout: without states, or without a sign of life of DyKnow, in nanoseconds.
-        place: of the guard in its file.
+        place: the place of the guard in its file.
     """
 
     name: str
@@ -179,8 +179,8 @@ class RobotFeature:
         name: its name.
         arguments: the sort of each argument, by the name of its variable.
         below: the feature that it is a kind of; empty for none.
-        value_type: of its values.
-        unit: of its values; empty for none.
+        value_type: the value type of its values.
+        unit: the unit of its values; empty for none.
         description: for people.
         unknown: if it may be unknown at a state, the least and the greatest value that it may be
             then; infinite for one without bounds.
@@ -208,7 +208,7 @@ class ForecastSource:
     Args:
         topic: its name, for some objects.
         inputs: the fields of its messages, by the inputs of the unit.
-        path_topic: of the planned path; empty for none.
+        path_topic: the path topic of the planned path; empty for none.
     """
 
     topic: str
@@ -231,9 +231,9 @@ class FeatureForecast:
         horizons: for which `soon` may ask, in nanoseconds, in ascending order.
         step: between the times of the forecast, in nanoseconds; divides all horizons.
         inputs: the fields of the message, by the inputs of the unit, as they are written.
-        settings: of the unit.
+        settings: the settings of the unit.
         table: the file of its calibration; None if none is named.
-        unit: of the values in the message; empty for none.
+        unit: the unit of the values in the message; empty for none.
         sources: the topics; none if it is made of a stream.
         widening: of its half-width at each time from now to the last horizon, in `unit`; empty if
             it is not calibrated.
@@ -318,7 +318,7 @@ class RobotMap:
     """The regions of a robot, and the streams that tell where its objects are.
 
     Args:
-        frame: of the map: that of the first region; empty without regions.
+        frame: the frame of the map: that of the first region; empty without regions.
         regions: that stand still, of all frames, in the order of the file.
         positions: the text of the stream of `x` and `y` of each object, in this frame alone.
         outlines: that of the `outline` of each region that moves.
@@ -350,13 +350,13 @@ class RobotConfiguration:
         domains: the objects of sorts for recordings, which take precedence over those of the
             ontologies.
         formulas: to monitor.
-        parameters: of nodes, by the names of nodes and parameters.
-        guards: of topics.
-        units: of features, by name.
+        parameters: the parameters of nodes, by the names of nodes and parameters.
+        guards: the guards of topics.
+        units: the units of features, by name.
         topics: what is expected of them.
         federation: with other hosts; None: this host has no peers.
-        forecasts: of features.
-        map: of its regions.
+        forecasts: the forecasts of features.
+        map: the map of its regions.
         triggers: that have names, whether a formula names them or not.
     """
 

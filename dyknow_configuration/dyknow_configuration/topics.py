@@ -53,8 +53,8 @@ def read_topics(
 
     Args:
         feature: the feature.
-        value: of the key.
-        vocabulary: of the robot.
+        value: the value of the key.
+        vocabulary: the vocabulary of the robot.
         uncertainty: for the uncertainty of a feature that this is about, the field that holds it.
         unless: the condition of messages in which the value is unknown.
 

@@ -76,7 +76,7 @@ class TriggerPlaces:
 
     Args:
         document: the file.
-        positions: of the values.
+        positions: the positions of the values.
     """
 
     document: YamlDocument
@@ -98,9 +98,9 @@ class Trigger:
 
     Args:
         name: for people: in its file, or else what it does.
-        kind: of the action.
+        kind: the kind of the action.
         target: the topic, the service, the action, or the command that is run.
-        type_name: of the message, the service or the action; empty if none is needed.
+        type_name: the type name of the message, the service or the action; empty if none is needed.
         content: the fields of the message, the request or the goal, or the arguments of the
             command; texts may have placeholders.
         min_interval: after an event, further ones are ignored for this time, in nanoseconds.

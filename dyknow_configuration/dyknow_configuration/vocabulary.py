@@ -388,7 +388,7 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
 
     Args:
         feature: the feature.
-        value: of its key `uncertainty`.
+        value: the value of its key `uncertainty`.
 
     Raises:
         ConfigurationError: with the place of the fault.

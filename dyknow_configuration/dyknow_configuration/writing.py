@@ -35,7 +35,7 @@ def write_texts(
     Args:
         robot: the configuration.
         folder: the folder.
-        name: of the files, without their endings.
+        name: the name of the files, without their endings.
         with_places: True to write the place of each annotation in the robot.yaml as a comment; the
             nodes name it in errors.
 
@@ -80,7 +80,7 @@ def export(path: Path, folder: Path) -> Path:
     All else of the robot.yaml stays as it is, but for its comments.
 
     Args:
-        path: of the robot.yaml, whose name the files get.
+        path: the path of the robot.yaml, whose name the files get.
         folder: the folder, which is made if it does not exist.
 
     Returns:

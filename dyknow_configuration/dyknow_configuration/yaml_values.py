@@ -77,7 +77,7 @@ class YamlDocument:
     """A text in YAML.
 
     Args:
-        path: of its file.
+        path: the path of its file.
         text: the text.
     """
 
@@ -439,7 +439,7 @@ def source_offsets(value: str, source: str, style: str | None) -> list[int] | No
     A character of whitespace is placed after the character before it.
 
     Args:
-        value: of the scalar.
+        value: the value of the scalar.
         source: its text in the document, with quotes or the header of a block.
         style: `'`, `"`, `|`, `>`, or None for a plain scalar.
 

@@ -33,7 +33,7 @@ class EvaluationRequest:
 
     Args:
         grounding: how its symbols find their streams.
-        constraints: of the state stream.
+        constraints: the constraints of the state stream.
         timeout_s: limit in seconds of the wall clock; None for no limit.
         name: the name that operators see; empty for the formula itself.
         plan: name of the plan that the formula belongs to, if any.
@@ -136,7 +136,7 @@ class Progress:
         events: what has happened since the last report.
         waits_for: why no state has come for 3 s, or why new objects are left out; else empty.
         margin: if it was asked for.
-        probability: of the latest state, if the formula asks for one.
+        probability: the probability of the latest state, if the formula asks for one.
         episodes: for a formula that is asked at every state.
     """
 

@@ -222,7 +222,7 @@ class PlanOutcome:
     """Outcome of the monitoring of a plan.
 
     Args:
-        verdicts: of all formulas.
+        verdicts: the verdicts of all formulas.
         error: why the plan was not monitored to its end.
     """
 
@@ -323,7 +323,7 @@ class PlanExecution:
         A withdrawn formula may have a verdict, too, from a late state of its period.
 
         Args:
-            position: of the formula.
+            position: the position of the formula.
             failed: it cannot be evaluated.
             violated: its verdict is false.
         """

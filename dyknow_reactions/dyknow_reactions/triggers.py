@@ -65,7 +65,7 @@ class TriggerReport:
         event: what has happened.
         verdict: at that time.
         explanation: for people.
-        time: of the deciding state, or else of the event, in nanoseconds.
+        time: the time of the deciding state, or else of the event, in nanoseconds.
         margin: if it is known.
     """
 

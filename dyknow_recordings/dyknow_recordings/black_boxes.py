@@ -62,22 +62,22 @@ class BlackBoxContent:
     """The metadata of a black box.
 
     Args:
-        name: of the formula, for people.
+        name: the name of the formula, for people.
         formula: its canonical text, with all sorts.
         reason: why it was written: `false`, `violation`, `episode` or `request`.
-        verdict: of the running system.
-        explanation: of the verdict, or the error in its place.
+        verdict: the verdict of the running system.
+        explanation: the explanation of the verdict, or the error in its place.
         decided_at: the valid time of the deciding state, nanoseconds; None without one.
         every_state: True if the formula was asked at every state.
         margin: True if its margin was computed.
         begin: the valid time of the first state of the formula in the bag; None if it is unknown.
         is_complete: True if the formula had no state before.
         states: the specification of its states.
-        constraints: of its states.
+        constraints: the constraints of its states.
         streams: a text in the stream language for each stream that these are made of.
         domains: the objects of each sort.
         faults: why a part is missing.
-        versions: of the programs.
+        versions: the versions of the programs.
         configuration: texts that the system was configured with, for people.
     """
 
@@ -196,7 +196,7 @@ def read_black_box(path: Path) -> BlackBoxContent | None:
     """Return what a bag knows of a formula; None if it is no black box.
 
     Args:
-        path: of the folder of the bag, or of its file.
+        path: the path of the folder of the bag, or of its file.
 
     Raises:
         RecordingError: if the metadata belongs to a black box and is damaged.

@@ -50,7 +50,7 @@ class Calibration:
         held_out: the number of blocks that it was tested with.
         inside: for each time of the forecast: which part of the held-out truths was inside.
         whole: for which part of the held-out forecasts all truths were inside.
-        alarms: of the comparisons in formulas.
+        alarms: the alarms of the comparisons in formulas.
     """
 
     forecast: FeatureForecast

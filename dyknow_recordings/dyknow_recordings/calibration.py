@@ -61,7 +61,7 @@ class ForecastErrors:
 
     Args:
         recording: its name.
-        times: of the messages in nanoseconds; of shape (n,).
+        times: the times of the messages in nanoseconds; of shape (n,).
         recorded: the value of each message; of shape (n,).
         forecasts: the values at each time of the forecast; NaN without a forecast; of shape (n, k).
         half_widths: their half-widths; of shape (n, k).
@@ -101,7 +101,7 @@ def block_scores(errors: Iterable[ForecastErrors], parity: int | None) -> list[F
     """Return the scores of each block, of all objects together: of shape (n, k) each.
 
     Args:
-        errors: of the objects in the recordings.
+        errors: the errors of the objects in the recordings.
         parity: 0 or 1 for every second block, None for all.
     """
     found: dict[tuple[str, int], list[Floats]] = {}
@@ -136,7 +136,7 @@ def forecast_errors(
     Args:
         forecast: as robot.yaml describes it.
         block: the length of a block of time, in nanoseconds.
-        paths: of the recordings.
+        paths: the paths of the recordings.
         types: where to find message types that they do not define.
 
     Raises:
@@ -275,7 +275,7 @@ def block_quantile(scores: Sequence[Floats], coverage: float) -> float:
     """Return the bound that the scores of a new block keep with a probability.
 
     Args:
-        scores: of each block that has some; of shape (n,) each.
+        scores: the scores of each block that has some; of shape (n,) each.
         coverage: the probability, above 0 and below 1.
 
     Raises:
@@ -339,8 +339,8 @@ def conditions_of(
 
     Args:
         formulas: the formulas.
-        forecast: of the feature.
-        unit: of the feature; empty for none.
+        forecast: the forecast of the feature.
+        unit: the unit of the feature; empty for none.
     """
     found: set[tuple[ForecastFeature, str, float]] = set()
     for formula in formulas:

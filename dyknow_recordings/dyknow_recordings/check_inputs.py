@@ -24,7 +24,7 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
     """Add the options of recordings, formulas and what belongs to them.
 
     Args:
-        parser: of a command.
+        parser: the parser of a command.
         several: True if there may be several recordings.
     """
     parser.add_argument(

@@ -149,7 +149,7 @@ class SpanFinder:
     """Finds the spans of failures.
 
     Args:
-        times: of the topics that formulas read.
+        times: the times of the topics that formulas read.
         unstamped: the topics among these whose messages have no stamp.
         limits: the start and end of the recording, in nanoseconds.
         before: the time before each failure that is wanted, ...

@@ -145,7 +145,7 @@ def observe_recording(
     """Return the topics of a recording on disk; see `observed_topics`.
 
     Args:
-        path: of the recording.
+        path: the path of the recording.
         types: where the definitions of message types are that it lacks.
         fields: returns the fields of a topic whose values are wanted.
         topic: the only topic to observe; empty for all.
@@ -170,7 +170,7 @@ class BrokenExpectation:
         rule: the key of the expectation; `topic` where it has no message.
         message: for people, without the topic.
         begin: of the place, a log time in nanoseconds; None for all of the recording.
-        end: of the place.
+        end: the end of the place.
     """
 
     topic: str
@@ -258,8 +258,8 @@ class _Check:
 
     Args:
         expected: of the topic.
-        times: of its messages, at least one.
-        start: of the recording, in nanoseconds.
+        times: the times of its messages, at least one.
+        start: the start of the recording, in nanoseconds.
     """
 
     def __init__(self, expected: TopicExpectation, times: TopicTimes, start: int) -> None:
@@ -369,7 +369,7 @@ class TopicHealth:
         unstamped: the number of messages whose stamp is unset; None if the type has no stamp.
         stamped_ahead: the number of messages that were received before their stamp.
         missing: the number of messages that are missing by their sequence numbers.
-        faults: of its messages, for people.
+        faults: the faults of its messages, for people.
         offset_from: the first topic that goes together with it; empty for none.
         offset: the median distance of its stamps from the nearest ones of that topic.
         offset_spread: 95 % of these distances differ from the median by at most this.
@@ -399,8 +399,8 @@ class RecordingHealth:
         recording: its name.
         start: the log time of its first message, in nanoseconds.
         end: of its last message.
-        health: of its topics, by name.
-        broken_expectations: of the topics.
+        health: the health of its topics, by name.
+        broken_expectations: the broken expectations of the topics.
         notes: its faults, for people.
     """
 

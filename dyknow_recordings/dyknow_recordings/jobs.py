@@ -61,8 +61,8 @@ class RecordingJob:
     """The check of one recording. It and its result can be pickled.
 
     Args:
-        name: of the recording, for people.
-        path: of the recording.
+        name: the name of the recording, for people.
+        path: the path of the recording.
         formulas: to evaluate.
         files: the configuration.
         begin: evaluate from this time after the start of the recording on, in nanoseconds; None for
@@ -164,7 +164,7 @@ def run_in_processes(
 
     Args:
         jobs: the jobs.
-        number: of processes.
+        number: the number of processes.
     """
     number = max(1, min(number, len(jobs)))
     pool = WorkerPool(number, forks=True)
@@ -262,7 +262,7 @@ def run_on_cluster(
 
     Args:
         jobs: the jobs.
-        address: of the scheduler, such as `tcp://scheduler:8786`.
+        address: the address of the scheduler, such as `tcp://scheduler:8786`.
 
     Raises:
         RecordingError: UNAVAILABLE, if Dask is not installed, the scheduler cannot be reached, or

@@ -94,9 +94,9 @@ class Marker:
     """A shape to draw; lengths are in m.
 
     Args:
-        name: of the formula.
+        name: the name of the formula.
         number: unique among the markers with the same name.
-        position: of the centre of a box or of a text.
+        position: the position of the centre of a box or of a text.
         scale: the size of a box; the width of lines as x; the height of a text as z.
         points: the ends of lines, two for each line.
     """
@@ -122,12 +122,12 @@ def formula_markers(
     """Return the markers of all formulas; a cancelled formula has none.
 
     Args:
-        statuses: of the evaluations.
-        positions: of the vehicles, by their names.
+        statuses: the statuses of the evaluations.
+        positions: the positions of the vehicles, by their names.
         axes: the features that are the x, y and z of a vehicle.
         now: the time, nanoseconds.
         regions: to draw; regions of other frames are left out.
-        frame: of the positions.
+        frame: the frame of the positions.
     """
     drawable = {each.name: each for each in regions if each.frame == frame}
     numbers: Counter[str] = Counter()

@@ -39,7 +39,7 @@ def store_errors(kind: str, file: Path | None) -> Iterator[None]:
     """Raise each error of SQLite in the body with the name of the file and what to do.
 
     Args:
-        kind: of the store in messages: `ontology store`.
+        kind: the kind of the store in messages: `ontology store`.
         file: its file; `None` if it is in memory.
 
     Raises:
@@ -60,7 +60,7 @@ def prepare_file(file: Path, kind: str, tables: frozenset[str]) -> None:
 
     Args:
         file: the file.
-        kind: of the store in messages.
+        kind: the kind of the store in messages.
         tables: a store has these.
 
     Raises:
@@ -99,8 +99,8 @@ def opened_store(
 
     Args:
         file: its file; `None` keeps it in memory.
-        kind: of the store in messages.
-        version: of the tables; stores from before it was written have 0.
+        kind: the kind of the store in messages.
+        version: the version of the tables; stores from before it was written have 0.
         tables: the statements that create each table, if it does not exist.
 
     Raises:

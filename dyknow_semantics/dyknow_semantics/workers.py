@@ -17,7 +17,7 @@ class Work:
 
     Args:
         function: can be imported by its name; arguments and result can be pickled.
-        arguments: of the function.
+        arguments: the arguments of the function.
         task: what is done, in messages.
         limit_s: the seconds after which it is killed.
         mend: what to do if it takes too long.

@@ -13,7 +13,7 @@ def unknown_stream(name: str, known: Iterable[str], topic: str = '') -> StreamEr
     """Return the error about a stream that does not exist.
 
     Args:
-        name: of the stream.
+        name: the name of the stream.
         known: the names of those that exist.
         topic: one that was probably meant.
     """

@@ -56,7 +56,7 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
     """Return a function that reads a value of a message, or fields of the elements of an array.
 
     Args:
-        fields: of the message type, with their types.
+        fields: the fields of the message type, with their types.
         path: one of them.
 
     Returns:
@@ -95,7 +95,7 @@ def _rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any],
     element lacks, with the reasons.
 
     Args:
-        fields: of the message type, with their types.
+        fields: the fields of the message type, with their types.
         unnested: the array and the fields, which the type has.
     """
     elements = unnested.elements

@@ -44,7 +44,7 @@ def for_any_namespace(path: Path) -> Path:
     ROS takes `stream_manager:` for the node in the root namespace, and ignores it for others.
 
     Args:
-        path: of a file; where its names have a namespace or a wildcard, they remain.
+        path: the path of a file; where its names have a namespace or a wildcard, they remain.
     """
     try:
         text = read_text(path, 'parameters', BringupError)
@@ -86,7 +86,7 @@ def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
     """Return the nodes of DyKnow for each robot.
 
     Args:
-        values: of the arguments of one system, and the namespaces as `robots`.
+        values: the values of the arguments of one system, and the namespaces as `robots`.
 
     Raises:
         BringupError: if the namespaces cannot be used, or the robots would share a store.

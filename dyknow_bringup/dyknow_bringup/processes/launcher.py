@@ -24,7 +24,7 @@ class EndedProcess:
     """A process that has ended by itself.
 
     Args:
-        name: of the process.
+        name: the name of the process.
         code: its exit code; the negative number of a signal that killed it.
         last_lines: the end of its log.
     """

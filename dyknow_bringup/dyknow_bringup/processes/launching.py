@@ -67,7 +67,7 @@ class _StartWatch:
     """Ends a launch with the message of a node that cannot start.
 
     Args:
-        name: of the node.
+        name: the name of the node.
     """
 
     def __init__(self, name: str) -> None:

@@ -47,7 +47,7 @@ class Process:
         package: the package with its executable.
         executable: the name of the executable.
         parameters: values that differ from the defaults.
-        namespace: of the node, relative to the namespace of all nodes.
+        namespace: the namespace of the node, relative to the namespace of all nodes.
         node: the name of the node; empty: the executable's.
         parameter_file: a file with more parameters, of nodes by their names.
         params_file: a file of parameters for any nodes, as ROS has them, which takes precedence.
@@ -77,7 +77,7 @@ class SystemConfiguration:
         streams: files in the stream language, with a sink for each stream to create.
         bridges: files of bridge rules between the ontologies.
         store: a folder that keeps changes of the ontology and of the annotations; None: no store.
-        reasoner: of the ontology; empty for the node's default.
+        reasoner: the reasoner of the ontology; empty for the node's default.
         parameters: of nodes, by their names; the files and options above take precedence.
         params_file: a file of parameters, as ROS has them, which takes precedence over all others.
         engines: the number of stream processing engines.
@@ -180,8 +180,8 @@ def robot_processes(
     """Return the nodes, guards and monitor of each of several robots in one ROS domain.
 
     Args:
-        namespaces: of the robots.
-        configurations: of the robots, in the same order.
+        namespaces: the namespaces of the robots.
+        configurations: the configurations of the robots, in the same order.
 
     Raises:
         BringupError: if namespaces are missing, equal or within each other.

@@ -80,7 +80,7 @@ class FleetDemonstration(SystemRun):
     Args:
         launcher: starts the base station.
         folder: for the files and the logs of the hosts.
-        log_level: of the nodes.
+        log_level: the log level of the nodes.
     """
 
     def __init__(self, launcher: Launcher, folder: Path, log_level: str) -> None:

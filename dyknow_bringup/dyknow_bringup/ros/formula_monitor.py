@@ -65,7 +65,7 @@ class MonitorNode(DyKnowNode):
     """A node that keeps the outcomes of formulas.
 
     Args:
-        name: of the node.
+        name: the name of the node.
         on_change: called with every formula whose outcome has changed; None: it is logged.
     """
 
@@ -195,7 +195,7 @@ class FormulaMonitor(MonitorNode):
         formulas: to monitor, the targets of whose triggers the caller checks; None: from the file
             that the parameter `robot` or `formulas` names.
         on_change: called with every formula whose outcome has changed; None: it is logged.
-        name: of the node.
+        name: the name of the node.
         retries: True to monitor a formula again after an error, until it has a verdict; those of
             the parameter `robot` are. A formula that never had a state is monitored again also
             otherwise, while nodes are missing.

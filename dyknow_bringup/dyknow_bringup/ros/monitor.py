@@ -153,7 +153,7 @@ class AttachedMonitor(MonitorNode):
     Args:
         formulas: that the other monitor was started with.
         on_change: called with every formula whose outcome has changed.
-        name: of the node.
+        name: the name of the node.
     """
 
     def __init__(

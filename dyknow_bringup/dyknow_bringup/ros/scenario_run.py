@@ -40,7 +40,7 @@ class SystemRun(ABC):
     """A node beside systems that launchers run; a subclass works with it.
 
     Args:
-        launchers: of all processes that must not end by themselves.
+        launchers: the launchers of all processes that must not end by themselves.
     """
 
     def __init__(self, *launchers: Launcher) -> None:
@@ -169,7 +169,7 @@ def run_scenario(
 
     Args:
         make_run: returns the run, given a launcher and a folder for its files.
-        log_level: of the nodes.
+        log_level: the log level of the nodes.
         logs: the folder for the logs of the nodes; None for a temporary one.
     """
     if logs is not None:

@@ -26,7 +26,7 @@ class SystemStart:
     """The statuses of the nodes of a system that starts, received in a `with` block.
 
     Args:
-        namespace: of the system, absolute.
+        namespace: the namespace of the system, absolute.
         nodes: the names of its nodes.
         since: when it starts, in nanoseconds: nodes that are older belong to another system.
     """
@@ -117,7 +117,7 @@ def wait_for_start(namespace: str, nodes: Collection[str], timeout: int) -> str:
     """Wait until the nodes of a system are ready; return what they have loaded.
 
     Args:
-        namespace: of the system, absolute.
+        namespace: the namespace of the system, absolute.
         nodes: the names of its nodes.
         timeout: nanoseconds.
 

@@ -103,7 +103,7 @@ class Interfaces:
         """Return the interfaces with absolute names.
 
         Args:
-            namespace: of the system; empty for the root.
+            namespace: the namespace of the system; empty for the root.
             node: the absolute name of the node that uses them.
         """
         return Interfaces(

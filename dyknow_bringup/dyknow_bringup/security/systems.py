@@ -125,12 +125,12 @@ class SecuredSystem:
     """The nodes of DyKnow for a robot, in enclaves.
 
     Args:
-        namespace: of the nodes.
+        namespace: the namespace of the nodes.
         topics: that the engines read, relative to the namespace or absolute.
         engines: the names of the stream processing engines, likewise.
         clients: the names of nodes that ask for verdicts, likewise.
         outputs: the topics that sinks name for their messages, likewise.
-        guards: of the robot.
+        guards: the guards of the robot.
         triggers: that the monitors of formulas run.
         has_peers: True if the host is part of a federation.
         positions: the topics of positions that the live page draws on maps, likewise.

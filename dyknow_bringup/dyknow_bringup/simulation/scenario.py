@@ -90,11 +90,11 @@ class Scenario:
     """A flight of a fleet with disturbances.
 
     Args:
-        name: of its file, without the suffix.
+        name: the name of its file, without the suffix.
         description: for people.
         duration: in nanoseconds.
-        seed: of all noise.
-        plans: of some vehicles; the others fly along their lanes.
+        seed: the seed of all noise.
+        plans: the plans of some vehicles; the others fly along their lanes.
         gusts: of wind.
         telemetry_losses: lost messages.
         gps_losses: failures of the receiver that gives a vehicle its altitude.

@@ -122,7 +122,7 @@ class Sensors:
     """Sensors and radio link of a vehicle.
 
     Args:
-        name: of the vehicle.
+        name: the name of the vehicle.
         vehicle: its true state.
         noise: the random generator.
     """

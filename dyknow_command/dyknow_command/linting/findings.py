@@ -23,7 +23,7 @@ class FilePlace:
     """A place in a file.
 
     Args:
-        path: of the file.
+        path: the path of the file.
         text: the whole text of the file; empty if it is not known.
         position: NOWHERE for the file as a whole.
     """

@@ -80,13 +80,13 @@ class LintInputs:
         places: of what a robot.yaml declares, by section and name.
         consequences: return True for a message that is a consequence of another fault.
         is_complete: False if a text is at fault, so what it declares is not known.
-        texts: of the files, by their paths.
+        texts: the texts of the files, by their paths.
         has_robot: True if there is a robot.yaml.
         refused: the texts of formulas at fault: what they name is used.
-        expectations: of a robot.yaml about topics.
+        expectations: the expectations of a robot.yaml about topics.
         shared: the features that a robot.yaml shares with peers.
-        guards: of a robot.yaml.
-        triggers: of a robot.yaml that no formula names.
+        guards: the guards of a robot.yaml.
+        triggers: the triggers of a robot.yaml that no formula names.
         has_peers: True if sorts, features, objects and streams may come from peers, too.
     """
 

@@ -46,7 +46,7 @@ class LanguageError(DyKnowError):
         message: the fault, without its position.
         language: the kind of text: `formula`, `stream specification`, `annotation`.
         text: the whole text.
-        position: of the fault; `NOWHERE` leaves out the caret.
+        position: the position of the fault; `NOWHERE` leaves out the caret.
     """
 
     def __init__(
@@ -94,8 +94,8 @@ def without_generated_text(message: str, languages: str = 'concept|stream specif
     could say instead of an object is no mend of a formula.
 
     Args:
-        message: of an error.
-        languages: of the texts, separated by `|`.
+        message: the message of an error.
+        languages: the languages of the texts, separated by `|`.
     """
     if (found := re.match(rf'(?:{languages}):[0-9:]+: (.*)', message)) is None:
         return message

@@ -30,7 +30,7 @@ class Background:
     Args:
         node: the node.
         threads: their number.
-        name: of the threads.
+        name: the name of the threads.
     """
 
     def __init__(self, node: Node, threads: int = 1, name: str = 'background') -> None:

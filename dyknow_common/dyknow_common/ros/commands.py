@@ -46,7 +46,7 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     """Initialise rclpy without its signal handlers.
 
     Args:
-        arguments: of the command line; None: the arguments of this process.
+        arguments: the arguments of the command line; None: the arguments of this process.
 
     Raises:
         RCLError: and other errors of `rclpy.init`; also for a domain that DDS does not have.
@@ -107,10 +107,10 @@ class CommandNode:
         """Return the response of a node's service.
 
         Args:
-            service_type: of the service, whose name follows from it.
+            service_type: the service type of the service, whose name follows from it.
             node: its name, relative to the namespace of the command or absolute.
             timeout_ns: to wait for the response.
-            fields: of the request.
+            fields: the fields of the request.
 
         Raises:
             DyKnowError: UNAVAILABLE, if there is no response in time; the error of a refusal.
@@ -140,7 +140,7 @@ def command_main(name: str, add_options: Callable[[argparse.ArgumentParser], Non
     """Run an executable that is one command, and return its exit code.
 
     Args:
-        name: of the command, for its help and its error messages.
+        name: the name of the command, for its help and its error messages.
         add_options: adds the options, among them `command`, which does the work.
     """
 
@@ -157,7 +157,7 @@ def run_with_node(name: str, work: Callable[[CommandNode], None]) -> int:
     """Do the work of a command with a node of its own, and return the exit code.
 
     Args:
-        name: of the command, for its node.
+        name: the name of the command, for its node.
         work: does the work of the command.
     """
     # An interrupt must end the command by an exception, while its context is still valid.

@@ -73,7 +73,7 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
     Args:
         stopped: set by a signal.
         left: set when no callback runs any more.
-        nodes: of the process.
+        nodes: the nodes of the process.
     """
 
     def watch() -> None:

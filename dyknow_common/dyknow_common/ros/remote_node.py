@@ -82,7 +82,7 @@ class RemoteNode:
 
     Args:
         node: the node that calls.
-        name: of the remote node, absolute or relative to the namespace of `node`.
+        name: the name of the remote node, absolute or relative to the namespace of `node`.
         patience_s: time for the remote node to appear before a call fails.
         timeout_s: time that a call may take from then on.
         services: types of the services to call. The first call by a client that was made just
@@ -159,7 +159,7 @@ class RemoteNode:
         """Return the response to a request, whatever its exit status is.
 
         Args:
-            service_type: of the service of the node.
+            service_type: the service type of the service of the node.
             request: the request.
             patience_s: time for the node to appear.
             timeout_s: time that the call may take from then on.

@@ -27,8 +27,8 @@ class ReportCommand:
     """A command that shows a report, or the part of it that its argument `name` names.
 
     Args:
-        name: of the command and of the topic, which is latched.
-        message_type: of the topic.
+        name: the name of the command and of the topic, which is latched.
+        message_type: the message type of the topic.
         document: makes the JSON document of a report, given the options of the command.
         rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of the name in
             the options.
@@ -134,7 +134,7 @@ def add_report_options(parser: argparse.ArgumentParser, node: str, role: str) ->
     """Add the options that all commands of this kind have.
 
     Args:
-        parser: of the command.
+        parser: the parser of the command.
         node: the default node.
         role: that node, in words.
     """

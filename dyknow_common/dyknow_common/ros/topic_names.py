@@ -27,7 +27,7 @@ def absolute_topic(node: Node, name: str, role: str, suffix: str = '') -> str:
         node: in whose namespace a relative name is.
         name: as it was written.
         role: what it names, for the message of the error.
-        suffix: of the longest name of a topic that belongs to it.
+        suffix: the suffix of the longest name of a topic that belongs to it.
 
     Raises:
         DyKnowError: INVALID_ARGUMENT, if ROS cannot have such a topic.

@@ -21,13 +21,13 @@ class FeatureProposal:
     """A feature that a field of a message can carry.
 
     Args:
-        name: of the feature; empty for the name of the topic.
+        name: the name of the feature; empty for the name of the topic.
         field: its path, with `{}` for a number or a name if there is an object for each element.
-        unit: of the values; empty for none.
+        unit: the unit of the values; empty for none.
         description: for people.
         formula: that can be expected of it; `{feature}` stands for the feature, `{magnitude}` and
             `{least}` for bounds that are derived from the values seen. Empty if none is plausible.
-        value_type: of the values.
+        value_type: the value type of the values.
         elements: the parallel array of names; empty if the field is a single value.
         element_sort: the sort of what these names name.
     """
@@ -203,7 +203,7 @@ def proposals_of(
 
     Args:
         message_type: such as `nav_msgs/msg/Odometry`; `px4/battery_status` for logs of PX4.
-        fields: of the messages; None if they are not known.
+        fields: the fields of the messages; None if they are not known.
     """
     package, _, name = message_type.rpartition('/')
     if package == 'px4':

@@ -79,7 +79,7 @@ class ObservedTopic:
         message_type: such as `nav_msgs/msg/Odometry`.
         fields: of the messages with their types, see `dyknow_common.field_paths`; None if they are
             not known.
-        times: of the messages.
+        times: the times of the messages.
         values: of fields that were read, by their paths.
         publishers: their number; None if it is unknown, as in a recording.
         absent: the fields that were to be read and that no message had, with the reasons.

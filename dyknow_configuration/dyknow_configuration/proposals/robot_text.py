@@ -56,7 +56,7 @@ class RobotNames:
     """The robots whose names begin the names of topics.
 
     Args:
-        sort: of the robots.
+        sort: the sort of the robots.
         objects: their names; none if there is a single robot whose topics do not have its name.
     """
 
@@ -102,8 +102,8 @@ class FeatureDraft:
     """A feature with the topics that carry it.
 
     Args:
-        name: of the feature.
-        proposal: of its type.
+        name: the name of the feature.
+        proposal: the proposal of its type.
         topics: that carry it.
         topic: their name, with a variable for the robot.
         field: with a variable for the element, if there is one.
@@ -142,7 +142,7 @@ class RobotDraft:
     """Proposals for observed topics.
 
     Args:
-        objects: of each sort.
+        objects: the objects of each sort.
         features: in the order of their topics.
         topics: all that were observed.
     """
@@ -320,7 +320,7 @@ def robot_text(topics: Iterable[ObservedTopic], origin: str, path: Path, recordi
     Args:
         topics: the topics.
         origin: where they were observed, for people.
-        path: of the file, for the examples.
+        path: the path of the file, for the examples.
         recording: the arguments of `dyknow check`; empty for a running robot.
     """
     draft = draft_robot(topics)

@@ -76,7 +76,7 @@ class TopicTimes:
         Args:
             stamps: 0 where one is unset; at the receipt of 0, such as in a trace, 0 is a stamp.
                 None without stamps.
-            receipt_times: of the messages.
+            receipt_times: the receipt times of the messages.
             end: the time until which the topic was observed.
         """
         if stamps is None:

@@ -67,7 +67,7 @@ class _Comparison:
 
     Args:
         text: of the comparison.
-        sorts: of the variables in it.
+        sorts: the sorts of the variables in it.
         objects: the other names.
     """
 

@@ -33,7 +33,7 @@ async def completed(
 
     Args:
         formula: its canonical text.
-        symbols: of the formula.
+        symbols: the symbols of the formula.
         domains: returns the objects of sorts.
         query: returns the solutions of a SPARQL query of the ontology.
 
@@ -67,7 +67,7 @@ def places_of_variables(scopes: Scopes) -> dict[Binder, tuple[ArgumentPlace, ...
     """Return the arguments that each variable without a sort is.
 
     Args:
-        scopes: of the formula.
+        scopes: the scopes of the formula.
     """
     places: dict[Binder, dict[ArgumentPlace, None]] = {
         each: {} for each in scopes.binders if each.sort == ''
@@ -83,7 +83,7 @@ async def infer_sorts(scopes: Scopes, query: QueryFunction) -> dict[Binder, str]
     """Return the sort of each variable whose quantifier names none.
 
     Args:
-        scopes: of the formula.
+        scopes: the scopes of the formula.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:

@@ -58,7 +58,7 @@ def property_query(feature: str, name: str) -> str:
 
     Args:
         feature: its name; the concepts are itself and those above it.
-        name: of the property, such as `unit`.
+        name: the name of the property, such as `unit`.
     """
     return _QUERY.format(feature=feature, name=name)
 
@@ -84,7 +84,7 @@ async def unknown_features(
     widest.
 
     Args:
-        symbols: of the formula.
+        symbols: the symbols of the formula.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:

@@ -72,7 +72,7 @@ async def with_relations(
 
     Args:
         formula: its canonical text, with all sorts.
-        symbols: of the formula.
+        symbols: the symbols of the formula.
         domains: returns the objects of sorts.
         query: returns the solutions of a SPARQL query of the ontology.
 
@@ -122,7 +122,7 @@ class _Atom:
 
     Args:
         relation: the relation.
-        names: of the regions, or of variables.
+        names: the names of the regions, or of variables.
         objects: that each variable stands for; None for a region.
     """
 
@@ -144,9 +144,9 @@ class _RelationTexts:
     """Replaces the relations in a formula.
 
     Args:
-        scopes: of its canonical text.
+        scopes: the scopes of its canonical text.
         domains: the objects of its sorts.
-        knowledge: of the regions.
+        knowledge: the knowledge of the regions.
     """
 
     def __init__(

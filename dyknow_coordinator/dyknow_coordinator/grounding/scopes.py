@@ -43,9 +43,9 @@ class Binder:
     Args:
         name: its name.
         sort: the sort of the variable, empty if the text does not give it; None for a kept value.
-        position: of the name, where it is bound.
-        start: of the text in which it is bound.
-        end: of that text.
+        position: the position of the name, where it is bound.
+        start: the start of the text in which it is bound.
+        end: the end of that text.
     """
 
     name: str

@@ -228,7 +228,7 @@ class SourceSession:
         5.5 s  `react` returns other sources; if all have failed, the formulas fail
 
     Args:
-        inputs: of the group.
+        inputs: the inputs of the group.
         known: returns all streams.
         can_wait: True if a stream that cannot be made now may be made later.
     """

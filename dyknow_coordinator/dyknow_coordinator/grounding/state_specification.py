@@ -19,7 +19,7 @@ class FormulaInputs:
         features: the ground features that each state must hold.
         candidates: the sources found for them.
         domains: the objects of each sort.
-        constraints: of the state stream.
+        constraints: the constraints of the state stream.
         unknown: the features that may be unknown, with the bounds of their values.
     """
 
@@ -37,11 +37,11 @@ class PreparedFormula:
     """A formula in a group of its own, and its inputs.
 
     Args:
-        name: of the group, and of the state stream that the engine has subscribed to.
+        name: the name of the group, and of the state stream that the engine has subscribed to.
         group_id: at the reasoning engine.
         formula_id: in the group.
         formula: its text there, with all sorts, and the units of its features.
-        inputs: of its evaluation.
+        inputs: the inputs of its evaluation.
     """
 
     name: str

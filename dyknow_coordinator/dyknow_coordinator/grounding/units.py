@@ -55,7 +55,7 @@ async def find_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[st
     """Return the unit of each feature among symbols, by name; empty for one without a unit.
 
     Args:
-        symbols: of the formula.
+        symbols: the symbols of the formula.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
@@ -104,7 +104,7 @@ async def find_uncertainties(
 
     Args:
         formula: the canonical text; one that asks for no probability needs none.
-        symbols: of the formula.
+        symbols: the symbols of the formula.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
@@ -152,7 +152,7 @@ async def feature_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict
     """Return the unit of each feature; empty for one without a unit, or with an unknown one.
 
     Args:
-        symbols: of the formula.
+        symbols: the symbols of the formula.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:

@@ -98,7 +98,7 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
     - OK: otherwise, also after a cancellation, which the client requested.
 
     Args:
-        status: of the evaluation.
+        status: the status of the evaluation.
         now: the time, nanoseconds.
         silence_limit: the longest time between two states, nanoseconds.
     """
@@ -199,7 +199,7 @@ def alarm_level(status: EvaluationStatus, *, is_monitored: bool) -> Level:
     """Return the severity of the end of an evaluation in the log; OK: it is not logged.
 
     Args:
-        status: of the evaluation, which has ended.
+        status: the status of the evaluation, which has ended.
         is_monitored: True if the formula should hold: then false is an alarm, not an answer.
     """
     code = None if status.error is None else status.error.code

@@ -19,8 +19,8 @@ class NodeState:
 
     Args:
         alive: True if its liveliness lease holds.
-        level: of its own status.
-        message: of its own status; empty if it has never been heard of.
+        level: the level of its own status.
+        message: the message of its own status; empty if it has never been heard of.
         absent: the time for which it has been gone, or searched for in vain; nanoseconds.
     """
 

@@ -47,7 +47,7 @@ class Cleanup:
 
         Args:
             streams: the names of the published streams.
-            prefix: of the names of all streams created by a coordinator of this name.
+            prefix: the prefix of the names of all streams created by a coordinator of this name.
         """
         for name in streams:
             if name.startswith(prefix) and name not in self._kept | self._streams:

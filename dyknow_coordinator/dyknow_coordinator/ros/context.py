@@ -41,10 +41,10 @@ class CoordinatorContext:
         clients: clients of the services that it calls.
         streams: all streams of the system.
         explained_wait: returns why no state comes, with the reasons of peers.
-        results: of the reasoning engine.
+        results: the results of the reasoning engine.
         cleanup: destroys unused streams and formula groups.
         background: runs long computations.
-        limits: of all evaluations, and of each one.
+        limits: the limits of all evaluations, and of each one.
         names: of formula groups and state streams; unique in the system.
     """
 
@@ -109,8 +109,8 @@ def check_domains(
     """Check the objects of a formula, and the number of its ground features.
 
     Args:
-        limits: of the coordinator.
-        symbols: of the formula.
+        limits: the limits of the coordinator.
+        symbols: the symbols of the formula.
         domains: the objects of each of its sorts.
 
     Raises:

@@ -50,8 +50,8 @@ class MonitoredPlan:
     """A plan that is being executed, and the evaluations of its formulas.
 
     Args:
-        grounding: of all formulas.
-        constraints: of the states of all formulas.
+        grounding: the grounding of all formulas.
+        constraints: the constraints of the states of all formulas.
         start: starts evaluations.
         on_change: called for every change of the status of a formula.
 
@@ -215,8 +215,8 @@ class MonitoredPlan:
         """Return how a formula stood when it was withdrawn.
 
         Args:
-            position: of the formula.
-            evaluation: of the formula.
+            position: the position of the formula.
+            evaluation: the evaluation of the formula.
             end: of its period, in nanoseconds, if not all states until then are known; else None.
                 After a wait, the end of the period counts in any case.
         """

@@ -32,8 +32,8 @@ class StreamsMirror:
     """Follows the stream manager's `~/streams`.
 
     Args:
-        topic: of the stream manager.
-        namespace: of the stream manager, in which relative topics in its reports are.
+        topic: the topic of the stream manager.
+        namespace: the namespace of the stream manager, in which relative topics in its reports are.
         on_change: called when the set of published streams has changed.
     """
 

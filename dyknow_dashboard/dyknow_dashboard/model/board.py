@@ -98,7 +98,7 @@ class ConceptTable:
         """Take new contents.
 
         Args:
-            matcher: of the ontologies and the valid annotations.
+            matcher: the matcher of the ontologies and the valid annotations.
             annotations: all of them, with their faults.
         """
         self.knowledge, self.fault = matcher.knowledge, ''

@@ -43,8 +43,8 @@ class Collector:
 
     Args:
         url: the address to which logs are sent.
-        namespace: of the system.
-        counts: of the events that were sent and dropped.
+        namespace: the namespace of the system.
+        counts: the counts of the events that were sent and dropped.
 
     Raises:
         DyKnowError: naming the mend, if the library is not installed.

@@ -26,7 +26,7 @@ class NodeHealth:
     Args:
         name: absolute.
         state: as its heartbeats and its status tell.
-        values: of its status.
+        values: the values of its status.
     """
 
     name: str

@@ -75,7 +75,7 @@ class HistoryState:
 
     Args:
         fault: why it cannot be used, with the mend; empty if it can.
-        count: of the failures in it.
+        count: the count of the failures in it.
         unacknowledged: the number of failures that nobody has acknowledged.
         version: changes with every change.
     """
@@ -90,9 +90,9 @@ class FailureHistory:
     """The failures in a file.
 
     Args:
-        path: of the file; None keeps nothing.
+        path: the path of the file; None keeps nothing.
         clock: returns the present time, nanoseconds.
-        counts: of the failures that were written, dropped and removed.
+        counts: the counts of the failures that were written, dropped and removed.
     """
 
     def __init__(self, path: Path | None, clock: Callable[[], int], counts: EventCounts) -> None:

@@ -42,7 +42,7 @@ def domains_of(status: EvaluationStatus, known: Domains) -> dict[str, tuple[str,
     They were fixed when it was asked; the ontology may have others now, or is not read yet.
 
     Args:
-        status: of its evaluation.
+        status: the status of its evaluation.
         known: the objects of each sort in the ontology, as far as they are known.
     """
     try:
@@ -69,7 +69,7 @@ class LiveSignals:
     drawings are seconds since the evaluation was started.
 
     Args:
-        status: of the evaluation.
+        status: the status of the evaluation.
         known: the objects of each sort in the ontology, as far as they are known.
     """
 

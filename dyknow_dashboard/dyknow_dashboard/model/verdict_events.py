@@ -37,7 +37,7 @@ class VerdictEvent:
     """A change of the verdict on a formula. Times are in nanoseconds.
 
     Args:
-        name: of the formula.
+        name: the name of the formula.
         formula: its text.
         event: what has happened.
         verdict: the outcome in words, `false` or `constraint violation`.
@@ -65,7 +65,7 @@ class VerdictWatch:
     """Derives events from the reports on all evaluations.
 
     Args:
-        counts: of the episodes that no report has told of.
+        counts: the counts of the episodes that no report has told of.
     """
 
     def __init__(self, counts: EventCounts) -> None:

@@ -60,8 +60,8 @@ class NodeThread:
     """The thread that runs the node, and calls of its coroutines from the thread of the server.
 
     Args:
-        loop: of the thread of the server.
-        namespace: of the node; empty: as its arguments say.
+        loop: the loop of the thread of the server.
+        namespace: the namespace of the node; empty: as its arguments say.
         on_end: called in the thread of the server when the thread has ended.
 
     Attributes:

@@ -50,8 +50,8 @@ class GuardReports:
     """A guard's report on its gate.
 
     Args:
-        adapter: of the node that watches.
-        name: of the guard, absolute.
+        adapter: the adapter of the node that watches.
+        name: the name of the guard, absolute.
     """
 
     def __init__(self, adapter: NodeAdapter, name: str) -> None:
@@ -86,7 +86,7 @@ class SystemNodes:
     federation node that were ever found.
 
     Args:
-        adapter: of the node that watches.
+        adapter: the adapter of the node that watches.
     """
 
     def __init__(self, adapter: NodeAdapter) -> None:

@@ -81,7 +81,7 @@ class SystemReader:
 
         Args:
             is_open: True if a page is open.
-            topics: of the states that signals are kept of.
+            topics: the topics of the states that signals are kept of.
             maps: the texts of the streams of maps, by the names of the objects.
         """
         if is_open and self._nodes is None:

@@ -153,7 +153,7 @@ class ServedSystem:
     Args:
         board: the state of the system.
         operator: changes it.
-        names: of this machine, in the header `Host`.
+        names: the names of this machine, in the header `Host`.
         limit: of requests.
         read_only: True if pages may change nothing.
         read_all: has all reports read from then on.

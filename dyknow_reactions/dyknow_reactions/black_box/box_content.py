@@ -42,7 +42,7 @@ class StateOrigin:
 
     Args:
         states: the specification of its state stream.
-        constraints: of the state stream.
+        constraints: the constraints of the state stream.
         streams: a text for each stream that it names.
     """
 
@@ -57,7 +57,7 @@ def state_origin(topic: str, known: KnownStreams, namespace: str) -> StateOrigin
     Args:
         topic: the state stream.
         known: all streams.
-        namespace: of their relative topics.
+        namespace: the namespace of their relative topics.
 
     Raises:
         DyKnowError: for a stream that cannot be written as a text by itself.
@@ -148,10 +148,10 @@ class FormulaOrigin:
 
     Args:
         status: the latest one with a state, or the first.
-        group_id: of its states at the reasoning engine; 0 before they are asked for.
+        group_id: the group id of its states at the reasoning engine; 0 before they are asked for.
         reported_stream: the latest state stream that was reported.
         state_stream: whose origin is known.
-        origin: of these states.
+        origin: the origin of these states.
         domains: the objects of each sort; None before they are known.
         topics: all that were recorded for it.
         objects_fault: why the objects are not known.
@@ -190,9 +190,9 @@ def content_of(
 
     Args:
         box: the box.
-        origin: of its formula.
+        origin: the origin of its formula.
         states: that are recorded.
-        versions: of the programs.
+        versions: the versions of the programs.
         configuration: texts that the system was configured with.
     """
     status, failure, latest = box.status, box.failure, origin.status
@@ -262,7 +262,7 @@ def _with_phase(constraints: StreamConstraints, state: int | None, begin: int) -
     """Return constraints under which periodic states have the valid times that they had.
 
     Args:
-        constraints: of the states.
+        constraints: the constraints of the states.
         state: the valid time of one of them, nanoseconds.
         begin: of the recording.
     """

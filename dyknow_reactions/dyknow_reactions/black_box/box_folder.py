@@ -48,7 +48,7 @@ class BoxFolder:
     Args:
         folder: made with the first box.
         owner: a name that no other process that writes to the folder has.
-        max_bytes: of all boxes.
+        max_bytes: the most bytes of all boxes.
         max_boxes: their number.
     """
 
@@ -80,9 +80,9 @@ class BoxFolder:
 
         Args:
             content: what the box knows beside its messages.
-            time: of the failure, nanoseconds since the epoch.
+            time: the time of the failure, nanoseconds since the epoch.
             messages: in the order of their times.
-            topics: of all messages.
+            topics: the topics of all messages.
 
         Raises:
             DyKnowError: UNAVAILABLE, if it cannot be written.

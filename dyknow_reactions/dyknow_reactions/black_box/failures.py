@@ -51,7 +51,7 @@ class FormulaFailure:
         reason: `false`, `violation`, `episode` or `request`.
         time: around which messages are recorded, nanoseconds.
         decided_at: the valid time of the deciding state; None without one.
-        explanation: of the verdict, or the error.
+        explanation: the explanation of the verdict, or the error.
     """
 
     reason: str
@@ -65,11 +65,11 @@ class OpenBox:
     """A time that is being recorded.
 
     Args:
-        key: of the formula.
+        key: the key of the formula.
         failure: the first one.
-        status: of the formula when it failed.
+        status: the status of the formula when it failed.
         begin: of the time, nanoseconds.
-        end: of the time.
+        end: the end of the time.
         last_end: the latest time to which later failures may extend it.
         failures: their number.
         recorded_from: the time from which on all topics of the formula are received, nanoseconds.
@@ -108,7 +108,7 @@ class LostFailure:
     """A failure that is not recorded.
 
     Args:
-        status: of the formula.
+        status: the status of the formula.
         failure: the failure.
         error: why it is not recorded.
     """
@@ -274,7 +274,7 @@ def _failure(status: EvaluationStatus, episodes: int, now: int) -> FormulaFailur
     """Return the failure that a status reports.
 
     Args:
-        status: of a formula.
+        status: the status of a formula.
         episodes: their number in the report before.
         now: the time.
     """

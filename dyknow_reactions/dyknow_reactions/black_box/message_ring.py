@@ -44,8 +44,8 @@ class MessageRing:
     """The latest messages of topics.
 
     Args:
-        max_bytes: of all messages.
-        max_messages: of all topics.
+        max_bytes: the most bytes of all messages.
+        max_messages: the most messages of all topics.
     """
 
     def __init__(self, max_bytes: int, max_messages: int) -> None:
@@ -100,7 +100,7 @@ class MessageRing:
         Args:
             topics: the topics.
             begin: of the time, nanoseconds.
-            end: of the time; messages at it are included.
+            end: the end of the time; messages at it are included.
         """
         found: list[SerialisedMessage] = []
         for topic in topics:

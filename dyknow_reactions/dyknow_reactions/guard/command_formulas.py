@@ -44,8 +44,8 @@ class CommandFormula:
 
     Args:
         text: the formula.
-        topic: of the commands, as the formula names it.
-        units: of features, by name.
+        topic: the topic of the commands, as the formula names it.
+        units: the units of features, by name.
 
     Raises:
         LanguageError: if it cannot be tried at single states.
@@ -104,7 +104,7 @@ class CommandStates:
     """The receiver of the states of a formula over commands and states; see `StateReceiver`.
 
     Args:
-        name: of the formula in the gate.
+        name: the name of the formula in the gate.
         formula: the formula.
         reports: to the gate, of each state.
     """

@@ -226,7 +226,7 @@ class ClockJumps:
         """Return True if the time has jumped since the look before.
 
         Args:
-            time: of the node, in nanoseconds.
+            time: the time of the node, in nanoseconds.
             monotonic: the time of the monotonic clock, in nanoseconds.
             is_simulated: True if the node takes its time from /clock.
         """

@@ -29,7 +29,7 @@ class StateSource(NamedTuple):
 
     Args:
         started: when the evaluation was requested, in nanoseconds of the coordinator's clock.
-        group: of the reasoning engine.
+        group: the group of the reasoning engine.
         stream: the topic of the states.
         formula: its canonical text.
     """

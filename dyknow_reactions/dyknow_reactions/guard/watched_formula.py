@@ -58,7 +58,7 @@ class WatchedFormula:
         any more, it never holds again.
 
         Args:
-            valid_time: of the state, in nanoseconds.
+            valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         known, self._latest = self._monitor.failure_count, valid_time
@@ -97,7 +97,7 @@ class WatchedStates:
     """The receiver of the states of a watched formula; see `StateReceiver`.
 
     Args:
-        name: of the formula in the gate.
+        name: the name of the formula in the gate.
         reports: to the gate, of each state.
     """
 

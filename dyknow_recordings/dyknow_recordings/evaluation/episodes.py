@@ -215,7 +215,7 @@ class EpisodeGroup:
         """Progress over many states, with the same results as one by one.
 
         Args:
-            valid_times: of the states in nanoseconds, increasing; of shape (n,).
+            valid_times: the valid times of the states in nanoseconds, increasing; of shape (n,).
             columns: the values of each feature at these states; of shape (n,).
         """
         start = 0

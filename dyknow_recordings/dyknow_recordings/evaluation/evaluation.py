@@ -464,7 +464,7 @@ class ColumnStates:
     message by message through the same operators.
 
     Args:
-        streams: of the recording.
+        streams: the streams of the recording.
         start: the log time at which it begins, in nanoseconds.
         silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """

@@ -53,8 +53,8 @@ class GroundedFormula:
     Args:
         formula: the canonical text, with all sorts.
         trigger: the canonical text of the formula that begins its episodes; empty without one.
-        inputs: of the state stream, for both.
-        units: of its features; empty for one without a unit.
+        inputs: the inputs of the state stream, for both.
+        units: the units of its features; empty for one without a unit.
         margin: True if its margin is to be computed.
         probability: the canonical text that asks for its probability; empty if that is not asked
             for, or nothing in it is uncertain.
@@ -72,10 +72,10 @@ class FormulaGrounder:
     """Finds the objects and streams of formulas.
 
     Args:
-        vocabulary: of the formulas.
-        streams: of the recording.
+        vocabulary: the vocabulary of the formulas.
+        streams: the streams of the recording.
         states: the specification of the states of the only formula; empty: its sources are found.
-        constraints: of the states.
+        constraints: the constraints of the states.
         types: gives the constants of recorded message types.
     """
 

@@ -33,10 +33,10 @@ class RecordedMap:
     """Regions, and where objects were.
 
     Args:
-        frame: of the map; of other frames, nothing is drawn.
+        frame: the frame of the map; of other frames, nothing is drawn.
         regions: that stand still.
-        tracks: of objects, by name.
-        outlines: of regions that move, by name.
+        tracks: the tracks of objects, by name.
+        outlines: the outlines of regions that move, by name.
     """
 
     frame: str = ''

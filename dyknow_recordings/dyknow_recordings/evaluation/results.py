@@ -108,11 +108,11 @@ class FormulaReport:
         error: why the formula could not be evaluated, or no longer.
         states: the number of states that it was progressed over.
         groundings: the streams of its ground features.
-        violations: of the constraints of these streams.
+        violations: the violations of the constraints of these streams.
         gaps: between its states.
         events: the changes of its streams, for people.
         waits_for: why no more states came, if that is known.
-        signals: of the states, if they were to be kept.
+        signals: the signals of the states, if they were to be kept.
         first_state: the valid time of its first state in nanoseconds, which may be before the first
             episode.
         last_state: the valid time of its last state in nanoseconds, if neither the episodes nor the
@@ -120,7 +120,7 @@ class FormulaReport:
         probability: of the formula from the first state on, for any further states; None if it was
             not asked for, or if nothing in the formula is uncertain.
         probability_so_far: the same if no further state came.
-        units: of its features, by their names, as far as they are known.
+        units: the units of its features, by their names, as far as they are known.
         asked_probability: the canonical text that asks for them.
     """
 
@@ -197,7 +197,7 @@ class RecordingReport:
         notes: faults of the recording and of the configuration that are no errors.
         broken: the expectations about topics that the recording breaks.
         topics: that the formulas read.
-        map: of the regions of the robot, if it was to be kept.
+        map: the map of the regions of the robot, if it was to be kept.
     """
 
     recording: str

@@ -21,7 +21,7 @@ class GroupStream:
     """A state stream whose states may be made as columns.
 
     Args:
-        name: of the stream.
+        name: the name of the stream.
         created_at: the log time from which on it receives samples, in nanoseconds.
         receive_many: processes states that were made as columns.
         is_replaceable: True if another stream may replace it when a topic is silent.
@@ -42,7 +42,7 @@ class RecordedStates(ReadStream[Sample]):
     """A state stream of a group.
 
     Args:
-        name: of the stream.
+        name: the name of the stream.
         chosen: its sources.
         created_at: the log time from which on it receives samples, in nanoseconds.
     """
@@ -57,7 +57,7 @@ class RecordedStandby:
 
     Args:
         sources: decides which, as in the coordinator.
-        streams: of the recording.
+        streams: the streams of the recording.
         create: makes a stream, whose states and violations reach `receive` and `note_violation`
             until it is taken.
         line: reads the states of the group.

@@ -40,9 +40,9 @@ class StateGroup:
 
     Args:
         name: of the group; its streams are named after it. No stream of a file has a space in it.
-        inputs: of all its formulas.
-        episodes: of these formulas.
-        streams: of the recording.
+        inputs: the inputs of all its formulas.
+        episodes: the episodes of these formulas.
+        streams: the streams of the recording.
         start: from when its formulas are evaluated.
         on_fault: called when `react` has something to do.
         silence_limit: the time without a message after which a topic is silent, in nanoseconds.
@@ -212,8 +212,8 @@ class StateGroup:
         """Record what remains undecided, and why no states came lately, if that is known.
 
         Args:
-            start: of the recording, in nanoseconds.
-            end: of the recording.
+            start: the start of the recording, in nanoseconds.
+            end: the end of the recording.
         """
         stream = self._line.stream
         if stream is None or self.episodes.has_ended:

@@ -404,7 +404,7 @@ class RecordedStreams:
         """Return why a stream has had no samples since a time.
 
         Args:
-            name: of the stream.
+            name: the name of the stream.
             since: in nanoseconds.
             span: the start and end of the recording, in nanoseconds, to judge by the rate of each
                 topic whether it has fallen silent; None to name each without a message since then.

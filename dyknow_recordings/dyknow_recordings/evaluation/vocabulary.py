@@ -26,7 +26,7 @@ class MonitoringFiles:
         bridges: files of bridge rules between the ontologies.
         domains: the objects of sorts, which take precedence over the ontologies.
         states: the specification of the states of the only formula; empty: it is grounded.
-        constraints: of the states of all formulas.
+        constraints: the constraints of the states of all formulas.
         missing_is_unknown: True if NaN or an absent field is an unknown value of any feature, not
             only of those that the ontologies let be unknown.
         silence_limit: the time without a message after which a topic is silent, in nanoseconds.

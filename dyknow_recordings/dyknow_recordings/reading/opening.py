@@ -77,7 +77,7 @@ def open_recording(path: Path, types: MessageTypes | None = None) -> RecordingRe
     """Open a recording: a bag of rosbag2, a log of PX4, or a trace of comma-separated values.
 
     Args:
-        path: of a folder with `metadata.yaml`, or of a file with one of the ENDINGS.
+        path: the path of a folder with `metadata.yaml`, or of a file with one of the ENDINGS.
         types: where to find message types that it does not define; by default, those of its
             distribution of ROS 2 and of the sourced workspaces.
 

@@ -164,7 +164,7 @@ class FaultCounter:
             place: a file, a byte in a file, or a topic.
             reason: the kind of the fault; faults of one kind at one place are counted together.
             count: for messages that were lost, their number.
-            detail: of the first fault of a kind only.
+            detail: the detail of the first fault of a kind only.
         """
         self._counts[place, reason] += count
         self._details.setdefault((place, reason), f', first {detail}' if detail else '')
@@ -202,7 +202,7 @@ class FaultCounter:
         Args:
             place: in the reason.
             reason: why they are lost.
-            topic: of the messages.
+            topic: the topic of the messages.
             times: the log times of messages in nanoseconds, in order; of shape (n,).
             lost: True for each lost message; of shape (n,).
         """
@@ -223,7 +223,7 @@ class FaultCounter:
 
         Args:
             place: the file or folder.
-            topics: of the messages; None if they are unknown.
+            topics: the topics of the messages; None if they are unknown.
             found: the number of messages.
             stated: the number that is stated.
             source: where.
@@ -290,7 +290,7 @@ class RecordingReader(ABC):
     """A recording on disk, opened for reading; a context manager that closes it.
 
     Args:
-        path: of the file or folder.
+        path: the path of the file or folder.
     """
 
     is_suffix = False
@@ -403,7 +403,7 @@ class RecordingReader(ABC):
 
         Args:
             spans: in their order; they do not overlap.
-            folder: of the recordings, which exists.
+            folder: the folder of the recordings, which exists.
             read: the topics that formulas read.
 
         Raises:

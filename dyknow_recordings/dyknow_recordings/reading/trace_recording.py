@@ -34,7 +34,7 @@ class TraceRecording(RecordingReader):
     """A trace, one row after the other; the columns are the fields of the topic `/trace`.
 
     Args:
-        path: of the file.
+        path: the path of the file.
 
     Raises:
         RecordingError: if the file is missing (NOT_FOUND), or its first row cannot be read or has a

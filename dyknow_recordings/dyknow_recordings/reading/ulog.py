@@ -72,7 +72,7 @@ class UlogRecording(RecordingReader):
     """A log of PX4; all of its messages are in memory.
 
     Args:
-        path: of the file.
+        path: the path of the file.
 
     Raises:
         RecordingError: if the file is missing (NOT_FOUND), or no part of it can be read.
@@ -192,7 +192,7 @@ class _LoggedTopic:
     """The messages of a topic in the order of their times.
 
     Args:
-        name: of the topic.
+        name: the name of the topic.
         data: as pyulog has read it.
         positions: the numbers of its messages in the file; None if they are unknown.
         faults: where messages without a time are counted.

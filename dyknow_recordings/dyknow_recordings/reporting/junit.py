@@ -34,7 +34,7 @@ class JUnitSuites(CheckOutput):
     """A test suite for each recording, and in it a test case for each formula.
 
     Args:
-        judgement: of undecided formulas.
+        judgement: the judgement of undecided formulas.
     """
 
     def __init__(self, judgement: Judgement) -> None:
@@ -102,8 +102,8 @@ class JUnitReport(JUnitSuites):
     """A file of these suites, which is written at the end.
 
     Args:
-        path: of the file.
-        judgement: of undecided formulas.
+        path: the path of the file.
+        judgement: the judgement of undecided formulas.
 
     Raises:
         RecordingError: if it cannot have this path.

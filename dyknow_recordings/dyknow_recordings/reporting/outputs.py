@@ -112,7 +112,7 @@ class ExitStatus(CheckOutput):
     """The exit code of the command, from its worst recording.
 
     Args:
-        judgement: of undecided formulas.
+        judgement: the judgement of undecided formulas.
         is_strict: True if each note is an error.
     """
 

@@ -69,7 +69,7 @@ class StatusChange:
 
     Args:
         log_time: in nanoseconds.
-        index: of the formula.
+        index: the index of the formula.
         status: shown until its next change.
         episode: the number of the episode that has ended; None if none has.
     """
@@ -210,7 +210,7 @@ class VerdictRecordings(CheckOutput):
     Args:
         target: a file that ends in `.mcap`, for one recording; otherwise a folder, which gets a
             file for each recording.
-        number: of recordings.
+        number: the number of recordings.
 
     Raises:
         RecordingError: if the target cannot be written, or does not suit the number of recordings.
@@ -258,7 +258,7 @@ def write_verdicts(report: RecordingReport, path: Path) -> None:
 
     Args:
         report: the results. The positions for markers are read from its recording.
-        path: of the file, which ends in `.mcap`.
+        path: the path of the file, which ends in `.mcap`.
 
     Raises:
         OSError: if it cannot be written.
@@ -410,7 +410,7 @@ def recorded_positions(
     A recording that cannot be read has none: what is wrong with it has been reported before.
 
     Args:
-        path: of the recording.
+        path: the path of the recording.
         vehicles: their names, which are in the names of their topics.
     """
     try:

@@ -82,7 +82,7 @@ class Content(SyntaxNode):
     Args:
         feature: the feature.
         field: a path to the field, or a function of one.
-        unit: of the value; `None` leaves it to the ontology.
+        unit: the unit of the value; `None` leaves it to the ontology.
         unless: a field and a condition; the value is unknown in samples that satisfy it.
     """
 

@@ -181,9 +181,9 @@ def check_fields(
     """Check an annotation, which fits its ontology, against the fields of its stream.
 
     Args:
-        annotation: of the stream.
+        annotation: the annotation of the stream.
         knowledge: the ontology.
-        owner: of the fields in messages, such as the type of the stream's messages.
+        owner: the owner of the fields in messages, such as the type of the stream's messages.
         fields: the type of each field.
 
     Raises:
@@ -302,7 +302,7 @@ def check_annotations(
 
     Args:
         annotations: by canonical text, as all other arguments.
-        fields: of the streams whose fields are known.
+        fields: the fields of the streams whose fields are known.
         knowledge: the ontology.
         origins: of those annotations that were read from files.
     """

@@ -287,7 +287,7 @@ class ObjectNames:
         key('Drone', 'self') == 'self'
 
     Args:
-        knowledge: of the ontologies with bridges.
+        knowledge: the knowledge of the ontologies with bridges.
     """
 
     def __init__(self, knowledge: Knowledge) -> None:

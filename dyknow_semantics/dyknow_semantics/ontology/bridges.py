@@ -70,7 +70,7 @@ class Bridge:
 
     Args:
         source: a name in one ontology.
-        relation: of the first name to the second.
+        relation: the relation of the first name to the second.
         target: a name in another ontology.
         text: the parsed text, for error messages.
     """

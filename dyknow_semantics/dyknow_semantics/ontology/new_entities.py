@@ -39,7 +39,7 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
     Args:
         name: a short name, a prefixed one, or an IRI.
         knowledge: what exists.
-        namespaces: of the loaded ontologies.
+        namespaces: the namespaces of the loaded ontologies.
         default: the namespace of a short name.
 
     Raises:

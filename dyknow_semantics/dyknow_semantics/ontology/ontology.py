@@ -151,7 +151,7 @@ class Ontology:
             name: its name.
             parents: the concepts directly above; if empty, the concept is a sort, or with a
                 signature a feature directly below `Feature`.
-            signature: of a feature, with the names of its argument sorts.
+            signature: the signature of a feature, with the names of its argument sorts.
 
         Raises:
             SemanticsError: if the name exists or is reserved, a parent or an argument sort is

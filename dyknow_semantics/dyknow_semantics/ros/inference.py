@@ -36,7 +36,7 @@ class Worker:
 
     Args:
         node: the node.
-        name: of the threads.
+        name: the name of the threads.
         threads: their number.
         max_waiting: the number of functions that may wait for a thread; `None` for any.
     """

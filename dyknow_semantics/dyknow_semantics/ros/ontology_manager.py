@@ -234,7 +234,7 @@ class OntologyWork:
 
     Args:
         node: the node whose callbacks wait.
-        limits: of each request.
+        limits: the limits of each request.
     """
 
     def __init__(self, node: DyKnowNode, limits: Limits) -> None:

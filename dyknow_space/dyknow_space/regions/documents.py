@@ -36,8 +36,8 @@ def read_geojson(path: Path, name: str, frame: str) -> list[Region]:
 
     Args:
         path: the file.
-        name: of the region, if the file has one polygon without a name.
-        frame: of the coordinates.
+        name: the name of the region, if the file has one polygon without a name.
+        frame: the frame of the coordinates.
 
     Raises:
         SpaceError: naming the file, the feature and the fault.
@@ -75,7 +75,7 @@ def read_zone_set(path: Path, name: str, frame: str) -> list[Region]:  # noqa: A
     Args:
         path: the file in JSON: a zone set, or a message that holds one.
         name: not used: zones have identifiers.
-        frame: of the map of the zones.
+        frame: the frame of the map of the zones.
 
     Raises:
         SpaceError: naming the file, the zone and the fault.
@@ -105,8 +105,8 @@ def read_mask(path: Path, name: str, frame: str, *, is_free: bool = False) -> li
     Args:
         path: the YAML file with `image` (a binary PGM), `resolution`, `origin`, `negate`,
             `occupied_thresh` and `free_thresh`, which are as map_server has them.
-        name: of the region.
-        frame: of the map.
+        name: the name of the region.
+        frame: the frame of the map.
         is_free: True to return the free cells instead.
 
     Raises:

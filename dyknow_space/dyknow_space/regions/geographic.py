@@ -45,7 +45,7 @@ class LocalPlane:
     """The plane that touches the ellipsoid at a place; x is east and y is north, in metres.
 
     Args:
-        longitude: of the origin, in degrees.
+        longitude: the longitude of the origin, in degrees.
         latitude: the same.
     """
 

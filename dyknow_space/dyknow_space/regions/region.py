@@ -41,7 +41,7 @@ class Region:
     """A part of space.
 
     Args:
-        name: of the object that it is.
+        name: the name of the object that it is.
         sorts: the sorts of that object, as they are stated.
         frame: in which its coordinates are, such as `map`, or `wgs84`.
         geometry: a valid polygon or multipolygon of shapely, in metres, or in degrees of longitude
@@ -205,7 +205,7 @@ def circle(x: float, y: float, radius: float, frame: str = '') -> Any:
         x: the coordinate of the centre, or its longitude in degrees.
         y: the same.
         radius: in metres.
-        frame: of the coordinates.
+        frame: the frame of the coordinates.
 
     Raises:
         SpaceError: if the radius is not positive and finite.
@@ -221,7 +221,7 @@ def buffer_of(geometry: Any, distance: float, frame: str = '') -> Any:
     Args:
         geometry: in the coordinates of the frame.
         distance: in metres.
-        frame: of the coordinates.
+        frame: the frame of the coordinates.
 
     Raises:
         SpaceError: if the distance is not finite, or nothing is left.

@@ -162,7 +162,7 @@ class MovingDistance:
         Args:
             position: as for `region_distances`.
             region: with its `outline`, a polygon in well-known text, and perhaps its `frame`.
-            valid_time: of both.
+            valid_time: the valid time of both.
 
         Raises:
             SpaceError: if one of them is of another frame, or not usable; an invalid outline is

@@ -142,7 +142,7 @@ class SpatialKnowledge:
         """Yield the truths that questions have together in some scenario, each once.
 
         Args:
-            questions: of each two regions, whether they have one of some relations.
+            questions: the questions of each two regions, whether they have one of some relations.
 
         Raises:
             SpaceError: as `possible`.

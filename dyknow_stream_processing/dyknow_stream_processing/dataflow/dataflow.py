@@ -64,9 +64,9 @@ class Dataflow:
     Args:
         units: the computational units, by name (see `load_units`).
         source_type: returns the type of a topic; `None` if it is unknown.
-        max_lead: of topics for which a stream gives none, in nanoseconds.
+        max_lead: the largest lead of topics for which a stream gives none, in nanoseconds.
         remark: returns the end of a violation's message, given the topics of the stream at fault.
-        delays: of topics for which a stream gives no `max_delay`.
+        delays: the delays of topics for which a stream gives no `max_delay`.
     """
 
     def __init__(

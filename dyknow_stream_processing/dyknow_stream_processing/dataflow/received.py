@@ -114,8 +114,8 @@ class ReceivedWatermarks:
         """Record the receipt of a sample.
 
         Args:
-            stream_id: of the sample; 0 if its publisher is no engine.
-            number: of the sample within its stream.
+            stream_id: the stream id of the sample; 0 if its publisher is no engine.
+            number: the number of the sample within its stream.
             now: the time of a steady clock, in nanoseconds.
         """
         if stream_id == 0:

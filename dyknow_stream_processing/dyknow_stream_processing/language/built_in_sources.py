@@ -43,7 +43,7 @@ def built_in_source(
     """Return a built-in source of arguments in a text.
 
     Args:
-        kind: of the source.
+        kind: the kind of the source.
         arguments: the quoted ones.
         window: a duration after them, nanoseconds.
         position: in the text.

@@ -62,7 +62,7 @@ class Resolved:
 
     Args:
         term: its definition.
-        fields: of its samples; `None` if they are not known.
+        fields: the fields of its samples; `None` if they are not known.
         names: in the specification of the streams that it is made of, by canonical text.
     """
 

@@ -48,8 +48,8 @@ class Assignment(SyntaxNode):
     """The value of a field of the messages, `point.x = east` or `header.frame_id = "map"`.
 
     Args:
-        path: of the field in a message.
-        field: of the stream; empty for a constant.
+        path: the path of the field in a message.
+        field: the field of the stream; empty for a constant.
         constant: the value; `None` for a field of the stream.
     """
 
@@ -184,7 +184,7 @@ class Call(_Constrained):
 
     Args:
         inputs: one stream for each of its parameters.
-        declaration: of the unit; known after the resolution of names.
+        declaration: the declaration of the unit; known after the resolution of names.
     """
 
     unit: str
@@ -247,7 +247,7 @@ class Select(_Constrained):
 
     Args:
         conditions: a sample must satisfy all.
-        elements: of an array of the messages of the source; each is a sample.
+        elements: the elements of an array of the messages of the source; each is a sample.
     """
 
     selections: tuple[Selection, ...]

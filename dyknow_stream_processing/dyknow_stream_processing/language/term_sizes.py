@@ -68,7 +68,7 @@ def check_rates(specification: Specification, constraints: StreamConstraints) ->
     """Check how many samples the synchronisations with a `sample_period` make.
 
     Args:
-        specification: of a stream.
+        specification: the specification of a stream.
         constraints: on the stream, which apply to the last of its operators.
 
     Raises:

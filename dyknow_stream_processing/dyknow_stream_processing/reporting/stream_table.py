@@ -60,7 +60,7 @@ def stream_table(
     """Return a table with a line for each stream, or how to make the first one.
 
     Args:
-        reports: of the streams.
+        reports: the reports of the streams.
         engines: the stream processing engines that run.
         hidden: the number of streams that are not shown.
         users: the formulas that are evaluated.
@@ -97,7 +97,7 @@ def stream_details(report: StreamReport, now: int) -> RenderableType:
     """Return everything that is known of one stream.
 
     Args:
-        report: of the stream.
+        report: the report of the stream.
         now: the time of the report, nanoseconds.
     """
     table = details_table(_details(report, now))
@@ -110,7 +110,7 @@ def as_json(report: StreamReport, users: Iterable[StreamUser] = ()) -> dict[str,
     """Return everything that is known of one stream; durations in nanoseconds, rates in Hz.
 
     Args:
-        report: of the stream.
+        report: the report of the stream.
         users: the formulas that are evaluated; those over its samples, as states, are listed.
     """
     document = json_document(report, times=_TIMES)

@@ -34,7 +34,7 @@ def document(both: tuple[Any, Any], options: argparse.Namespace) -> dict[str, An
 
     Args:
         both: the reports on streams and on evaluations; None for the latter without a coordinator.
-        options: of the command.
+        options: the options of the command.
 
     Raises:
         StreamError: NOT_FOUND, if there is no such stream.

@@ -33,7 +33,7 @@ class TypedOutput:
     """Publisher of a stream as messages of another type than `Sample`.
 
     Args:
-        fields: of the stream; `None` if they are not known before samples arrive.
+        fields: the fields of the stream; `None` if they are not known before samples arrive.
         stream_topic: the absolute topic of the stream.
         sources: the topics that the stream is made of.
 
@@ -89,7 +89,7 @@ class TypedMessageWriter:
     """Writer of samples as messages of a type.
 
     Args:
-        fields: of the stream; `None` if they are not known before samples arrive.
+        fields: the fields of the stream; `None` if they are not known before samples arrive.
 
     Raises:
         StreamError: if the type is not installed (NOT_FOUND), or the fields do not fit.

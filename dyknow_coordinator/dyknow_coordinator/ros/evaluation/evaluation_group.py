@@ -67,7 +67,7 @@ class EvaluationGroup:
 
     Args:
         group_id: at the reasoning engine.
-        name: of the group, and of the state stream that the engine has subscribed to.
+        name: the name of the group, and of the state stream that the engine has subscribed to.
     """
 
     def __init__(

@@ -35,7 +35,7 @@ class Standby:
     Args:
         sources: decides which, as over recordings.
         group_id: at the reasoning engine.
-        constraints: of the state streams.
+        constraints: the constraints of the state streams.
         new_stream: returns a stream with a name; its violations reach `note_violation`.
     """
 

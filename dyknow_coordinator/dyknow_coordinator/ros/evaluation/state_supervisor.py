@@ -83,7 +83,7 @@ class StateSupervisor:
 
     Args:
         group_id: at the reasoning engine, which has subscribed to the first state stream.
-        name: of that stream.
+        name: the name of that stream.
     """
 
     def __init__(

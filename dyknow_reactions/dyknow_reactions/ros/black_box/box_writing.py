@@ -22,7 +22,7 @@ class BoxWriting:
     """Boxes that wait for their writing, or are being written.
 
     Args:
-        node: of the recorder.
+        node: the node of the recorder.
     """
 
     def __init__(self, node: Node) -> None:
@@ -62,7 +62,7 @@ class SnapshotService:
 
     Args:
         node: the node.
-        name: of the service.
+        name: the name of the service.
 
     Raises:
         DyKnowError: UNAVAILABLE, if the type of the service is not installed.

@@ -74,7 +74,7 @@ class StateServices(NamedTuple):
 
     Args:
         node: the guard.
-        client: of the coordinator.
+        client: the client of the coordinator.
         ontology: the ontology manager.
     """
 
@@ -91,8 +91,8 @@ class FormulaStates:
     Args:
         services: that it uses.
         formula: its text.
-        name: of the evaluation, unique in the system.
-        receiver: of the states.
+        name: the name of the evaluation, unique in the system.
+        receiver: the receiver of the states.
         every_state: True if operators see the verdicts from all states.
     """
 

@@ -162,7 +162,7 @@ def message_of(guard: RequestedGuard, type_name: str, fields: Collection[str]) -
 
     Args:
         guard: the guard.
-        type_name: of its messages.
+        type_name: the type name of its messages.
         fields: the paths that formulas name.
 
     Raises:

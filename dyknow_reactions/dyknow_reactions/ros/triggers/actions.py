@@ -239,7 +239,7 @@ class _RemoteCall:
     Args:
         node: its deadlines are used.
         trigger: the trigger.
-        name: of the server, for people.
+        name: the name of the server, for people.
         is_ready: returns True if the server is there.
         send: sends the request.
         failure_of: returns why a response is a failure; an empty text if it is none.

@@ -38,7 +38,7 @@ class MessageTemplate:
 
     Args:
         trigger: has the values of the fields.
-        class_: of the message.
+        class_: the class of the message.
 
     Raises:
         ConfigurationError: for a field that the message does not have, or a value that it cannot

@@ -339,9 +339,9 @@ class _ChannelReader:
 
     Args:
         channel: the channel.
-        layout: of its messages; None to read no message, only the times.
+        layout: the layout of its messages; None to read no message, only the times.
         types: where the definition of its type is if the bag lacks it.
-        paths: of the fields.
+        paths: the paths of the fields.
 
     Raises:
         RecordingError: if the type is unknown, or lacks a field (NOT_FOUND).
@@ -438,7 +438,7 @@ def merged(
     Args:
         sources: the blocks of each file, in the order of their first times.
         place: the recording, in the faults.
-        topics: of the channels, by their numbers.
+        topics: the topics of the channels, by their numbers.
         faults: where faults are counted.
     """
     upcoming: list[tuple[int, int, Callable[[], StoredMessages]]] = []

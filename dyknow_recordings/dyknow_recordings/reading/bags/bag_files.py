@@ -47,7 +47,7 @@ def open_files(
     """Open the files of a bag; return its metadata, too.
 
     Args:
-        path: of a file, or of a folder with `metadata.yaml`.
+        path: the path of a file, or of a folder with `metadata.yaml`.
         faults: where faults are counted: files that cannot be read, among others that can.
         stack: closes the files.
 

@@ -116,8 +116,8 @@ class BagPart:
     """A bag in MCAP with messages of another bag, whose topics it has.
 
     Args:
-        path: of its folder, which must not exist.
-        topics: of the other bag, and its ...
+        path: the path of its folder, which must not exist.
+        topics: the topics of the other bag, and its ...
         channels: ... channels, serialised by CDR.
 
     Raises:
@@ -177,7 +177,7 @@ class LatestMessages:
     """The latest messages of topics, for the begin of a span.
 
     Args:
-        topics: of the bag.
+        topics: the topics of the bag.
         repeated: the topics that formulas read whose message comes again at the begin of a span.
         read: all topics that formulas read; of the others, latched messages come again.
     """

@@ -98,8 +98,8 @@ class McapFile:
     """A file of the storage format MCAP.
 
     Args:
-        path: of the file.
-        name: of the file in errors and faults.
+        path: the path of the file.
+        name: the name of the file in errors and faults.
         faults: where faults are counted.
 
     Raises:

@@ -71,8 +71,8 @@ class SqliteFile:
     """A file of the storage format sqlite3, which has no times of sending.
 
     Args:
-        path: of the file.
-        name: of the file in errors and faults.
+        path: the path of the file.
+        name: the name of the file in errors and faults.
         faults: where faults are counted.
 
     Raises:

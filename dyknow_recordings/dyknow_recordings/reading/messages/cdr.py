@@ -106,8 +106,8 @@ class CdrReader:
     """Reader of some fields of the messages of one type.
 
     Args:
-        layout: of the type.
-        paths: of the fields, which the type has; `WHOLE` stands for the message.
+        layout: the layout of the type.
+        paths: the paths of the fields, which the type has; `WHOLE` stands for the message.
         is_exact: True to leave out messages that are longer than their type: they have another one.
     """
 
@@ -379,7 +379,7 @@ class WholeMessageReader:
     """Reader of messages of one type.
 
     Args:
-        layout: of the type.
+        layout: the layout of the type.
         members: those that are wanted; members after these are left out. Empty: all.
     """
 

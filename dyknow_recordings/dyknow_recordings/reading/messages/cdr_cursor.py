@@ -28,7 +28,7 @@ def primitive_sizes(size: int, count: int = 1) -> NDArray[np.int64]:
     """Return the bytes that values of a primitive type take, by the residue of their position.
 
     Args:
-        size: of a value, which is also its alignment.
+        size: the size of a value, which is also its alignment.
         count: the number of values, at least one.
     """
     return -_RESIDUES % size + size * count

@@ -36,7 +36,7 @@ class ComputedColumns:
     """Reader of values of whole messages.
 
     Args:
-        fields: of the type of the messages.
+        fields: the fields of the type of the messages.
         paths: of the values, which the type has; `WHOLE` stands for the messages themselves.
     """
 

@@ -180,7 +180,7 @@ class MessageTypes:
     Args:
         distro: of ROS 2, such as `humble`; empty: the one that the recording names.
         folders: with files `<package>/msg/<name>.msg`, `.idl` or `<package>/srv/<name>.srv`.
-        prefixes: of the workspaces that are sourced.
+        prefixes: the prefixes of the workspaces that are sourced.
     """
 
     distro: str = ''

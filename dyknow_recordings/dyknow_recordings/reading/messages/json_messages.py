@@ -176,8 +176,8 @@ class JsonReader:
     """Reader of some fields of the messages of one type.
 
     Args:
-        layout: of the type.
-        paths: of the fields, which the type has.
+        layout: the layout of the type.
+        paths: the paths of the fields, which the type has.
 
     Raises:
         RecordingError: if whole messages are wanted.

@@ -92,7 +92,7 @@ class MessageLayout:
     """The fields of a message type.
 
     Args:
-        name: of the type.
+        name: the name of the type.
         fields: the paths to the single values with their types.
         unread: why there are further fields that are not read; empty if there are none.
     """
@@ -124,7 +124,7 @@ class TypeLayout(MessageLayout):
     """The fields of a message type, in the order in which they are serialised, up to a `wchar`.
 
     Args:
-        definition: of the type.
+        definition: the definition of the type.
         types: where the definitions are that its text lacks.
 
     Raises:

@@ -22,7 +22,7 @@ class SampleLayout(TypeLayout):
     """The fields of samples: their members, and their values by name.
 
     Args:
-        definition: of the type of samples.
+        definition: the definition of the type of samples.
         types: where the definitions are that its text lacks.
         first: the first sample as it is serialised; its names are those of all.
     """
@@ -40,8 +40,8 @@ class NamedValueReader:
     """Reader of some fields of samples.
 
     Args:
-        layout: of the samples.
-        paths: of the fields, which the samples have.
+        layout: the layout of the samples.
+        paths: the paths of the fields, which the samples have.
     """
 
     def __init__(self, layout: SampleLayout, paths: Collection[str]) -> None:

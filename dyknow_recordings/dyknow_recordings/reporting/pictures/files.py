@@ -23,7 +23,7 @@ class PictureFiles(CheckOutput):
     Args:
         html: the file of the page; None for none.
         png: the file of the image; None for none.
-        judgement: of undecided formulas.
+        judgement: the judgement of undecided formulas.
         geojson: the file of the maps; None for none.
 
     Raises:

@@ -90,9 +90,9 @@ def report_page(
     """Return the page.
 
     Args:
-        reports: of the recordings.
+        reports: the reports of the recordings.
         unread: why the other recordings were not checked.
-        judgement: of undecided formulas.
+        judgement: the judgement of undecided formulas.
     """
     figures = PageFigures()
     numbers = count()

@@ -93,7 +93,7 @@ class Panel:
         objects: the choice of objects, `u = uav1`; empty without one.
         atoms: their texts.
         signals: drawn together, as an atom compares them.
-        thresholds: of these signals.
+        thresholds: the thresholds of these signals.
         is_decisive: True if these objects decided the formula.
         unit: of the signals, as in the formula or else of their features; empty if unknown.
         relations: in the place of signals: a row for each, with a bar while it held.

@@ -152,7 +152,7 @@ def pending_windows(episode: Episode, now: int) -> list[Span]:
     """Return the times in which an undecided formula awaits something, as far as they have ends.
 
     Args:
-        episode: of the formula.
+        episode: the episode of the formula.
         now: the time of the last state.
     """
     if not episode.residual_formula or '...' in episode.residual_formula:

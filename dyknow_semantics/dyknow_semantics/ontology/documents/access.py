@@ -23,8 +23,8 @@ class Access:
         linked_folders: as `folders`, also where links in them lead out of them, as those of
             installed packages do that were built with links to their sources.
         allow_download: whether `http` and `https` are allowed.
-        max_bytes: of a document with its imports.
-        max_statements: of a document with its imports.
+        max_bytes: the most bytes of a document with its imports.
+        max_statements: the most statements of a document with its imports.
     """
 
     folders: tuple[Path, ...] | None = None

@@ -110,7 +110,7 @@ class Engines:
         One that was just restarted has none: they are lost, and nobody has destroyed them.
 
         Args:
-            name: of the engine.
+            name: the name of the engine.
             made: returns the streams that it is known to make at present.
 
         Raises:

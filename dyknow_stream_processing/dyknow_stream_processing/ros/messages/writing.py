@@ -230,7 +230,7 @@ class _Place:
 
     Args:
         steps: from the message to the value.
-        kind: of the value.
+        kind: the kind of the value.
         arrays: those on the way that may be too short: their steps, the index, and the type.
     """
 

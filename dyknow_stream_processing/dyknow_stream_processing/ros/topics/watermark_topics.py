@@ -33,7 +33,7 @@ class WatermarkPublisher:
     """Publisher of the watermarks of an engine, periodically while another engine listens.
 
     Args:
-        prefix: of the topics of the streams.
+        prefix: the prefix of the topics of the streams.
         watermarks: returns a `StreamWatermark` for each stream whose watermark rose without a
             sample.
     """
