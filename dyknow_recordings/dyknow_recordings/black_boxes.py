@@ -74,7 +74,7 @@ class BlackBoxContent:
         is_complete: True if the formula had no state before.
         states: the specification of its states.
         constraints: the constraints of its states.
-        streams: a text in the stream language for each stream that these are made of.
+        streams: a text in the stream language for each stream that its states are made of.
         domains: the objects of each sort.
         faults: why a part is missing.
         versions: the versions of the programs.

@@ -48,8 +48,8 @@ class Calibration:
         samples: the number of forecasts that it was measured with.
         blocks: the number of their blocks of time.
         held_out: the number of blocks that it was tested with.
-        inside: for each time of the forecast: which part of the held-out truths was inside.
-        whole: for which part of the held-out forecasts all truths were inside.
+        inside: for each time of the forecast, the share of held-out truths inside the bounds.
+        whole: the share of held-out forecasts with all truths inside the bounds.
         alarms: the alarms of the comparisons in formulas.
     """
 

@@ -67,7 +67,7 @@ class ForecastErrors:
         half_widths: their half-widths; of shape (n, k).
         truths: the values that were recorded for these times, interpolated; NaN beyond the end and
             in gaps; of shape (n, k).
-        blocks: the number of the block of each message, among those of its recording that have
+        blocks: the number of the block of each message, among the blocks of its recording with
             messages; of shape (n,).
         refused: how often the unit refused its inputs, by the reason.
     """
@@ -137,10 +137,10 @@ def forecast_errors(
         forecast: as robot.yaml describes it.
         block: the length of a block of time, in nanoseconds.
         paths: the paths of the recordings.
-        types: where to find message types that they do not define.
+        types: where to find message types that the recordings do not define.
 
     Raises:
-        DyKnowError: for a recording that cannot be read, or a unit that is no forecast.
+        DyKnowError: for an unreadable recording, or a unit that is not a forecast.
     """
     _made(forecast)
     for path in paths:
@@ -272,7 +272,7 @@ def least_blocks(coverage: float) -> int:
 
 
 def block_quantile(scores: Sequence[Floats], coverage: float) -> float:
-    """Return the bound that the scores of a new block keep with a probability.
+    """Return the bound that the scores of a new block do not exceed, with a probability.
 
     Args:
         scores: the scores of each block that has some; of shape (n,) each.

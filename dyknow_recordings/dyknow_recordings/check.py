@@ -204,7 +204,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
     """Yield the outputs that were asked for."""
-    # Libraries that few checks need are imported by those alone.
+    # Few checks need these libraries, so they are imported on demand.
     if options.json:
         yield JsonLines(options.undecided)
     else:

@@ -21,7 +21,7 @@ from dyknow_recordings.reading.opening import ENDINGS, ENDINGS_TEXT, add_reading
 
 
 def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) -> None:
-    """Add the options of recordings, formulas and what belongs to them.
+    """Add the options of recordings and formulas, and related options.
 
     Args:
         parser: the parser of a command.

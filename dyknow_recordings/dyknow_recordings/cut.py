@@ -1,9 +1,9 @@
 """The command `dyknow cut`: parts of a recording around failures, without ROS.
 
-Formulas fail in the parts as in all of the recording. A state has the latest value of each topic,
-so a span contains the message of each that was the latest at the first state that the failure
-depends on, and all messages from the first of these on. It ends after the messages that complete
-the deciding state:
+Formulas fail in the parts as in the whole recording. A state has the latest value of each topic. So
+a span contains, for each topic, the message that was the latest at the first state that the failure
+depends on, and all messages after the earliest of these messages. The span ends after the messages
+that complete the deciding state:
 
     always (A -> eventually[0 s, 2 s] B), false at 50 s     depends on states from 48 s on
     /a, each second; /b, last at 47.2 s, then at 51.5 s     47.2 s to 51.5 s, and what was asked for
@@ -70,9 +70,9 @@ class RecordedFailure:
 
     Args:
         reason: for people.
-        first: of the first state that it depends on.
-        last: of the deciding state; None if `log_time` says when it was known.
-        log_time: when it was known.
+        first: the first state that the failure depends on.
+        last: the deciding state; None if `log_time` says when the failure was known.
+        log_time: when the failure was known.
     """
 
     reason: str
@@ -150,7 +150,7 @@ class SpanFinder:
 
     Args:
         times: the times of the topics that formulas read.
-        unstamped: the topics among these whose messages have no stamp.
+        unstamped: the topics in `times` whose messages have no stamp.
         limits: the start and end of the recording, in nanoseconds.
         before: the time before each failure that is wanted, ...
         after: ... and the time after it.
@@ -203,7 +203,7 @@ class SpanFinder:
 
 
 def joined_spans(spans: Iterable[RecordingSpan]) -> Sequence[RecordingSpan]:
-    """Return spans in their order, those that overlap as one."""
+    """Return spans in their order; overlapping spans are joined."""
     found: list[RecordingSpan] = []
     for each in sorted(spans, key=lambda span: (span.begin, span.end)):
         if not found or each.begin > found[-1].end:

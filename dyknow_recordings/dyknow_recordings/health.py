@@ -49,7 +49,7 @@ _WINDOW_MESSAGES: Final = 10
 """... which is longer for rates with fewer messages than these in it."""
 
 _MAX_WINDOWS: Final = 100_000
-"""The number of these windows: in longer recordings they are longer."""
+"""The most windows: in longer recordings, windows are longer."""
 
 _MAX_PLACES: Final = 16
 """The number of places of one broken expectation that are told apart."""
@@ -112,7 +112,7 @@ def observed_topics(
     topics: Collection[str] = (),
     limit: int = MAX_MESSAGES,
 ) -> tuple[ObservedTopic, ...]:
-    """Return topics of a recording; those whose type is not defined have no times.
+    """Return topics of a recording; topics without a type definition have no times.
 
     Args:
         recording: the recording.
@@ -146,7 +146,7 @@ def observe_recording(
 
     Args:
         path: the path of the recording.
-        types: where the definitions of message types are that it lacks.
+        types: where to find definitions of message types that it lacks.
         fields: returns the fields of a topic whose values are wanted.
         topic: the only topic to observe; empty for all.
 
@@ -169,7 +169,7 @@ class BrokenExpectation:
         topic: its name.
         rule: the key of the expectation; `topic` where it has no message.
         message: for people, without the topic.
-        begin: of the place, a log time in nanoseconds; None for all of the recording.
+        begin: the begin of the place, a log time in nanoseconds; None for the whole recording.
         end: the end of the place.
     """
 
@@ -257,7 +257,7 @@ class _Check:
     """The check of the times of a topic.
 
     Args:
-        expected: of the topic.
+        expected: the expectation about the topic.
         times: the times of its messages, at least one.
         start: the start of the recording, in nanoseconds.
     """
@@ -371,7 +371,7 @@ class TopicHealth:
         missing: the number of messages that are missing by their sequence numbers.
         faults: the faults of its messages, for people.
         offset_from: the first topic that goes together with it; empty for none.
-        offset: the median distance of its stamps from the nearest ones of that topic.
+        offset: the median distance of its stamps from the nearest stamps of that topic.
         offset_spread: 95 % of these distances differ from the median by at most this.
     """
 
@@ -398,7 +398,7 @@ class RecordingHealth:
     Args:
         recording: its name.
         start: the log time of its first message, in nanoseconds.
-        end: of its last message.
+        end: the log time of its last message.
         health: the health of its topics, by name.
         broken_expectations: the broken expectations of the topics.
         notes: its faults, for people.

@@ -63,7 +63,7 @@ class RecordingJob:
     Args:
         name: the name of the recording, for people.
         path: the path of the recording.
-        formulas: to evaluate.
+        formulas: the formulas to evaluate.
         files: the configuration.
         begin: evaluate from this time after the start of the recording on, in nanoseconds; None for
             all of it.

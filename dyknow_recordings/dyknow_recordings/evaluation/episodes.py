@@ -1,4 +1,4 @@
-"""The episodes of formulas: from which states on each is evaluated, and how that ends."""
+"""The episodes of formulas: the states from which each is evaluated, and how each ends."""
 
 from __future__ import annotations
 
@@ -405,7 +405,7 @@ class EpisodeGroup:
 
 
 class _Trigger:
-    """A formula that each state alone decides, and the states at which it begins to hold."""
+    """A formula that each state decides by itself, and the states at which it begins to hold."""
 
     def __init__(self, text: str, domains: Mapping[str, tuple[str, ...]]) -> None:
         self._text = text

@@ -96,12 +96,12 @@ def evaluate_recording(
 
     Args:
         recording: the recording.
-        formulas: an error of one does not affect the others.
+        formulas: the formulas; an error of one does not affect the others.
         files: the ontologies, annotations and streams of the running system.
-        start: from when the formulas are evaluated; those with `every_state`, from every state on
-            unless this begins other episodes.
+        start: from when formulas are evaluated; formulas with `every_state` are evaluated from
+            every state on, unless `start` begins other episodes.
         keep_signals: True to keep the signals of the states, for pictures.
-        margins: True to compute the margins of all formulas, also of those that do not say so.
+        margins: True to compute the margins of all formulas, even if they do not ask for it.
         probabilities: True to compute the probabilities of formulas from the first state on.
 
     Raises:
@@ -147,8 +147,8 @@ def _with_probabilities(report: RecordingReport, another: RecordingReport) -> Re
 def _with_signals(report: RecordingReport, another: RecordingEvaluation) -> RecordingReport:
     """Return a report with the signals until the end, which another evaluation keeps.
 
-    States that are made for pictures alone share operators with those of other formulas, and may
-    change the results of these.
+    States that are made for pictures alone share operators with the states of other formulas, and
+    may change the results of those formulas.
     """
     another.observe_to_end()
     pairs = zip(report.formulas, another.run().formulas, strict=True)
@@ -426,7 +426,7 @@ class RecordingEvaluation:
             return FormulaReport(name, requested.text, error=request.error)
         error = episodes.error
         if error is None and not (episodes.states or episodes.has_ended):
-            # Nothing is known of the formula: to call that undecided would hide it.
+            # Nothing is known of the formula: the verdict undecided would hide this.
             reason = group.waits_for or 'it ends too early'
             error = RecordingError(f'the recording has no state: {reason}', ExitCode.NOT_FOUND)
         formula = episodes.grounded.formula

@@ -54,10 +54,10 @@ class GroundedFormula:
         formula: the canonical text, with all sorts.
         trigger: the canonical text of the formula that begins its episodes; empty without one.
         inputs: the inputs of the state stream, for both.
-        units: the units of its features; empty for one without a unit.
-        margin: True if its margin is to be computed.
-        probability: the canonical text that asks for its probability; empty if that is not asked
-            for, or nothing in it is uncertain.
+        units: the unit of each of its features; empty for a feature without a unit.
+        margin: True to compute its margin.
+        probability: the canonical text that asks for its probability; empty if nobody asks for it,
+            or nothing in the formula is uncertain.
     """
 
     formula: str
@@ -74,7 +74,7 @@ class FormulaGrounder:
     Args:
         vocabulary: the vocabulary of the formulas.
         streams: the streams of the recording.
-        states: the specification of the states of the only formula; empty: its sources are found.
+        states: the specification of the states of the only formula; empty: find its sources.
         constraints: the constraints of the states.
         types: gives the constants of recorded message types.
     """
@@ -189,7 +189,7 @@ class FormulaGrounder:
 
 
 def recorded_constants(names: Iterable[str], types: TypeConstants) -> Constants:
-    """Return the values of those names that are constants of message types.
+    """Return the values of the names that are constants of message types.
 
     Raises:
         DyKnowError: for a constant that its type does not have, or with several values.

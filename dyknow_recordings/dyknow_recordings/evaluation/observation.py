@@ -156,12 +156,12 @@ class SignalRecorder:
     """Keeps the signals of some terms.
 
     Args:
-        terms: the features of the states and what is calculated of them.
+        terms: the features of the states and the terms calculated from them.
         domains: the objects of each sort.
         window: how long a value is kept, in nanoseconds; None: for ever.
         block: the number of single states that are collected to be added together.
-        is_asked_once: True if formulas are asked from the first state on alone, and it is recorded:
-            then probabilities of the future are those of all states.
+        is_asked_once: True if formulas are asked from the first state only, and it is recorded:
+            then a probability of the future covers all states.
     """
 
     def __init__(
@@ -262,7 +262,7 @@ class SignalRecorder:
             self._add(times, columns)
 
     def _add(self, times: Times, columns: Mapping[str, Column]) -> None:
-        """Add states; a state that is not later than the one before is an error of the formulas."""
+        """Add states; drop a state that is not later than the one before: formulas report it."""
         before = np.maximum.accumulate(np.concatenate([[self._latest_time], times[:-1]]))
         if not (is_later := times > before).all():
             times = times[is_later]

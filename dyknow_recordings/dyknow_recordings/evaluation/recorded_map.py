@@ -19,7 +19,7 @@ from dyknow_space import Region
 from dyknow_stream_processing import Sample
 
 MAX_POINTS: Final = 2_000
-"""The number of points of a track: all, or some at equal distances, and those at failures."""
+"""The most points of a track: all points, or points at equal distances and at failures."""
 
 Track = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
 """Times in nanoseconds, and the coordinates then."""
@@ -33,8 +33,8 @@ class RecordedMap:
     """Regions, and where objects were.
 
     Args:
-        frame: the frame of the map; of other frames, nothing is drawn.
-        regions: that stand still.
+        frame: the frame of the map; shapes in other frames are not drawn.
+        regions: the regions that stand still.
         tracks: the tracks of objects, by name.
         outlines: the outlines of regions that move, by name.
     """
@@ -110,7 +110,7 @@ class _Trace:
         """Add samples as columns."""
         self._parts.append((times, columns))
         if self._is_outline:
-            # Outlines are large: only those are kept that are shown.
+            # Outlines are large: keep only the outlines that are shown.
             self._keep(0)
 
     def track(self) -> Track | None:
@@ -131,7 +131,7 @@ class _Trace:
         return ()
 
     def _keep(self, count: int) -> None:
-        """Keep that many samples at equal distances, those at the moments, and the last one."""
+        """Keep `count` samples at equal distances, the samples at the moments, and the last one."""
         if not self._parts:
             return
         times = np.concatenate([each for each, _ in self._parts])

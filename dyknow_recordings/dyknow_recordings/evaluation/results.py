@@ -46,9 +46,9 @@ class Episode:
             obligation that was not met. False for an invariant that was not broken.
         objects: the objects that decide the formula, `u = uav1`; empty if there is no choice.
         windows: the intervals of the obligations that the explanation names, in nanoseconds.
-        margin: at its end, if margins were asked for.
-        wants: for want of which unknown features an undecided formula has no verdict, and since
-            when, in nanoseconds.
+        margin: the margin at its end, if margins were asked for.
+        wants: the unknown features for want of which an undecided formula has no verdict, with the
+            time since when, in nanoseconds.
     """
 
     begin: int | None
@@ -89,8 +89,8 @@ class StateGap:
     """A time in which states may be missing, between the valid times of two states.
 
     Args:
-        after: the valid time of the last state before it, in nanoseconds.
-        before: of the first state after it; None if none came.
+        after: the valid time of the last state before the gap, in nanoseconds.
+        before: the valid time of the first state after the gap; None if no state came.
     """
 
     after: int
@@ -103,13 +103,13 @@ class FormulaReport:
 
     Args:
         name: for people.
-        formula: its canonical text; the requested one if that is no formula.
+        formula: its canonical text; the requested text if that is not a formula.
         episodes: in the order of their begins.
         error: why the formula could not be evaluated, or no longer.
         states: the number of states that it was progressed over.
         groundings: the streams of its ground features.
         violations: the violations of the constraints of these streams.
-        gaps: between its states.
+        gaps: the gaps between its states.
         events: the changes of its streams, for people.
         waits_for: why no more states came, if that is known.
         signals: the signals of the states, if they were to be kept.
@@ -117,9 +117,9 @@ class FormulaReport:
             episode.
         last_state: the valid time of its last state in nanoseconds, if neither the episodes nor the
             signals tell it.
-        probability: of the formula from the first state on, for any further states; None if it was
-            not asked for, or if nothing in the formula is uncertain.
-        probability_so_far: the same if no further state came.
+        probability: the formula's probability from the first state on, for any further states; None
+            if nobody asked for it, or if nothing in the formula is uncertain.
+        probability_so_far: the same, assuming that no further state comes.
         units: the units of its features, by their names, as far as they are known.
         asked_probability: the canonical text that asks for them.
     """
@@ -196,7 +196,7 @@ class RecordingReport:
         formulas: in the order of the requests.
         notes: faults of the recording and of the configuration that are no errors.
         broken: the expectations about topics that the recording breaks.
-        topics: that the formulas read.
+        topics: the topics that the formulas read.
         map: the map of the regions of the robot, if it was to be kept.
     """
 

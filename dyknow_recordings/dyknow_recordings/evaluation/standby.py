@@ -1,4 +1,4 @@
-"""The standby of a group: states of other sources, which can replace those in use."""
+"""The standby of a group: states of other sources, which can replace the states in use."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class RecordedStates(ReadStream[Sample]):
 
 
 class RecordedStandby:
-    """Keeps the states of other sources than those in use, for features that have some.
+    """Keeps the states of alternative sources, for features with several sources.
 
     Args:
-        sources: decides which, as in the coordinator.
+        sources: decides on the sources, as in the coordinator.
         streams: the streams of the recording.
         create: makes a stream, whose states and violations reach `receive` and `note_violation`
             until it is taken.
@@ -158,7 +158,7 @@ class RecordedStandby:
             stream.kept.add(state, self._line.latest)
 
     def _receive_many(self, states: SampleBatch) -> None:
-        """Keep the states that are later than the latest progressed one, and the one before."""
+        """Keep the states after the latest progressed state, and the last state before them."""
         stream, progressed = self.stream, self._line.latest
         if stream is None or not len(states):
             return

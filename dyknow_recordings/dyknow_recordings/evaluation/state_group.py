@@ -1,8 +1,8 @@
-"""Formulas over the same states, and the supervision of these states.
+"""Formulas over the same states, and the supervision of the states.
 
 The rules are as in the coordinator (`StateSupervisor`, `SilenceMonitor`), with one clock: the log
-time of the recording. Other streams replace those that failed at once, where nodes need a few
-hundred milliseconds. A `StateLine` decides which states count, as in the reasoning engine.
+time of the recording. Other streams replace failed streams at once; nodes need a few hundred
+milliseconds. A `StateLine` decides which states count, as in the reasoning engine.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class StateGroup:
     """Formulas over one state stream after another.
 
     Args:
-        name: of the group; its streams are named after it. No stream of a file has a space in it.
+        name: the name of the group and its streams; no stream of a file has a space in its name.
         inputs: the inputs of all its formulas.
         episodes: the episodes of these formulas.
         streams: the streams of the recording.
-        start: from when its formulas are evaluated.
+        start: the time from which its formulas are evaluated.
         on_fault: called when `react` has something to do.
         silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """
@@ -251,7 +251,7 @@ class StateGroup:
         stream = RecordedStates(self._next_name(), chosen, now)
         self._line.note_gap()
         try:
-            # Operators that both streams share go on, as those of other groups would let them.
+            # Operators that both streams share go on, as they do for streams of other groups.
             self._create(stream)
         finally:
             self._destroy()

@@ -209,7 +209,7 @@ class RecordedStreams:
         return frozenset(found)
 
     def running(self, names: Collection[str]) -> tuple[str, ...]:
-        """Return those of some streams of the files that run."""
+        """Return the names of running streams of the files."""
         return tuple(each for each in self.dataflow.names() if each in names)
 
     def create(
@@ -231,7 +231,7 @@ class RecordedStreams:
         self._connect()
 
     def keep(self, names: Collection[str]) -> None:
-        """Destroy the streams of files but those with some names."""
+        """Destroy all streams of files except the named ones."""
         for name in self.running(self._requested):
             if name not in names:
                 self.dataflow.destroy(name)

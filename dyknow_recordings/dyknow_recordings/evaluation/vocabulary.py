@@ -28,7 +28,7 @@ class MonitoringFiles:
         states: the specification of the states of the only formula; empty: it is grounded.
         constraints: the constraints of the states of all formulas.
         missing_is_unknown: True if NaN or an absent field is an unknown value of any feature, not
-            only of those that the ontologies let be unknown.
+            only of features that the ontologies allow to be unknown.
         silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """
 
@@ -47,7 +47,7 @@ NO_FILES: Final = MonitoringFiles()
 
 
 class Vocabulary:
-    """The answers of the semantic nodes; here, those without an ontology or annotations.
+    """The answers of the semantic nodes; here, without an ontology or annotations.
 
     Formulas then name their streams, and sorts have domains. All methods but `close` raise
     DyKnowError.

@@ -22,11 +22,11 @@ class MessageColumns:
             shape (n,).
         stamps: the stamp of the header of each message in nanoseconds, 0 where it is unset; without
             a header, the time at which it was sent; of shape (n,). None if neither is known.
-        values: by the path of the field, such as `pose.pose.position.z`; of shape (n,). Numbers
-            keep their type, texts are objects.
+        values: the values by the path of the field, such as `pose.pose.position.z`; of shape (n,).
+            Numbers keep their type, texts are objects.
         positions: the number of each message among all messages that are read, in the order of
             their log times; of shape (n,).
-        absent: by the path of a field: the messages without this field, by their number in this
+        absent: for each path of a field, the messages without this field, by their number in this
             part, with the reason, such as `'ranges' has 3 elements, not one at [5]`.
     """
 
@@ -72,8 +72,8 @@ class TopicContent:
         has_stamp: True if the messages have a stamp.
         count: the number of messages, of all types.
         publishers: their number when the recording began; None if it is unknown.
-        has_sent_times: True if messages without a stamp are valid from the time at which they were
-            sent, False if from that of their recording.
+        has_sent_times: True if messages without a stamp are valid from their time of sending, False
+            if from their time of recording.
         is_kept: True if its publishers kept messages for late subscribers.
     """
 

@@ -78,8 +78,8 @@ def open_recording(path: Path, types: MessageTypes | None = None) -> RecordingRe
 
     Args:
         path: the path of a folder with `metadata.yaml`, or of a file with one of the ENDINGS.
-        types: where to find message types that it does not define; by default, those of its
-            distribution of ROS 2 and of the sourced workspaces.
+        types: where to find message types that it does not define; by default, in its distribution
+            of ROS 2 and in the sourced workspaces.
 
     Raises:
         RecordingError: if the recording is missing (NOT_FOUND), has another format, or if no part

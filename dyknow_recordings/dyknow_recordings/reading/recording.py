@@ -200,7 +200,7 @@ class FaultCounter:
         """Note messages that are lost, which are counted among the faults already.
 
         Args:
-            place: in the reason.
+            place: the place, for the reason.
             reason: why they are lost.
             topic: the topic of the messages.
             times: the log times of messages in nanoseconds, in order; of shape (n,).
@@ -225,8 +225,8 @@ class FaultCounter:
             place: the file or folder.
             topics: the topics of the messages; None if they are unknown.
             found: the number of messages.
-            stated: the number that is stated.
-            source: where.
+            stated: the number that `source` states.
+            source: where the number is stated.
             more_is_damage: True if damage may have made a message of what was something else.
         """
         name = 'the file' if topics is None else f"topic '{min(topics)}'"
@@ -275,9 +275,9 @@ class RecordingSpan:
 
     Args:
         begin: the log time of its begin, in nanoseconds.
-        end: of its end; messages at it are included.
-        reasons: what it shows, for people.
-        repeated: the topics whose message from before comes again at the begin, with its time.
+        end: the log time of its end; messages at this time are included.
+        reasons: what the span shows, for people.
+        repeated: topics whose last message before the begin is repeated there, with its time.
     """
 
     begin: int
@@ -440,7 +440,7 @@ class RecordedFields:
         topic: its name.
         message_type: such as `nav_msgs/msg/Odometry`.
         stamp: the stamp of the header in nanoseconds; None if the type has no header.
-        values: by the path of the field; without fields that the message lacks.
+        values: the values by the path of the field, without fields that the message lacks.
         absent: the reason for each field that it lacks, by path.
     """
 
@@ -493,7 +493,7 @@ def _selected(
 
 
 def parts_by_topic(batch: Sequence[MessageColumns]) -> dict[str, list[MessageColumns]]:
-    """Return the parts of a batch, those of a topic in their order."""
+    """Return the parts of a batch by topic; the parts of a topic are in their order."""
     found: dict[str, list[MessageColumns]] = {}
     for part in batch:
         found.setdefault(part.topic, []).append(part)

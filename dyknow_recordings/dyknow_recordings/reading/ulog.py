@@ -9,7 +9,7 @@ publisher has stamped it with, which may be outside of the log:
     /vehicle_status              20.2 s, 20.7 s, ...  the first is the value at the start
     /parameter_update            0 s                  the value at the start
     /sensor_preflight            0 s, 0 s, 0 s, ...   left out: it is unknown when each was sent
-    /mission                     1194 s               left out: those of 27.0 s follow in the file
+    /mission                     1194 s               left out: times of 27.0 s follow in the file
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ RECORD: Final = Struct('<HB')
 _TOPIC: Final = Struct('<H')
 _DATA: Final = ord('D')
 _FAR_NS: Final = 5 * SECOND_NS
-"""The shortest time without any message after which it is checked that later stamps are true."""
+"""After a time without messages that is at least this long, later stamps are checked."""
 
 _BURST_NS: Final = SECOND_NS
 """The time in which the values at the start are written."""
@@ -448,8 +448,8 @@ def placed(
         late: see `first_written_late`.
 
     Returns:
-        The messages, the number of those from before the log that may not be from its start, and
-        of those from after its end.
+        The messages, the number of earlier messages that may not be from the start of the log, and
+        the number of messages from after its end.
     """
     begin, end = np.searchsorted(topic.times, (start, span[1] + 1)).tolist()
     inner, early = topic.part(slice(begin, end)), topic.part(slice(begin))

@@ -411,7 +411,7 @@ def recorded_positions(
 
     Args:
         path: the path of the recording.
-        vehicles: their names, which are in the names of their topics.
+        vehicles: the names of the vehicles; the names of their topics contain them.
     """
     try:
         with open_recording(path) as recording:

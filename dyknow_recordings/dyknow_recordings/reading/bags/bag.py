@@ -227,7 +227,7 @@ class Bag(RecordingReader):
         return (min(span[0] for span in spans), max(span[1] for span in spans)) if spans else None
 
     def _compare(self, metadata: BagMetadata) -> None:
-        """Compare the numbers of messages with those in the metadata of the bag."""
+        """Compare the numbers of messages with the numbers in the metadata of the bag."""
         known = list(self._opening.losses)
         for topic, stated in metadata.counts.items():
             found = sum(each.message_count for each in self._topics if each.name == topic)
@@ -340,7 +340,7 @@ class _ChannelReader:
     Args:
         channel: the channel.
         layout: the layout of its messages; None to read no message, only the times.
-        types: where the definition of its type is if the bag lacks it.
+        types: where to find the definition of its type if the bag lacks it.
         paths: the paths of the fields.
 
     Raises:
@@ -469,7 +469,7 @@ def merged(
 
 
 def _advance(sources: Sequence[Iterator[StoredBlock]], number: int, upcoming: list[Any]) -> None:
-    """Add the next block of a source, if there is one, to the heap of those that are to be read."""
+    """Add the next block of a source, if there is one, to the heap of blocks to read."""
     following = next(sources[number], None)
     if following is not None:
         heapq.heappush(upcoming, (following[0], number, following[1]))

@@ -1,4 +1,4 @@
-"""The files of a bag, a single one or those in a folder, and the metadata of a folder."""
+"""The files of a bag, a single file or the files in a folder, and the metadata of a folder."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _without_end(path: Path, excess: int, stack: ExitStack) -> Path:
 
 
 def _paths(folder: Path, faults: FaultCounter) -> tuple[list[Path], BagMetadata]:
-    """Return the files that the metadata names, or those numbered as parts of one bag."""
+    """Return the files that the metadata names, or the files numbered as parts of one bag."""
     present = sorted(each for each in folder.iterdir() if each.name.endswith(BAG_SUFFIXES))
     if not present and not (folder / METADATA).exists():
         raise RecordingError(
@@ -260,7 +260,7 @@ def distro_beside(path: Path) -> str:
 
 def _information(folder: Path) -> Any:
     text = (folder / METADATA).read_text(encoding='utf-8')
-    # The safe loaders of PyYAML; the one in C takes a tenth of the time.
+    # The safe loaders of PyYAML; the loader in C takes a tenth of the time.
     return yaml.load(text, _LOADER)['rosbag2_bagfile_information']  # noqa: S506
 
 

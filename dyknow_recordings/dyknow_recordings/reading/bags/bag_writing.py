@@ -100,7 +100,7 @@ class _SentTimes(McapWriter):
         self.sent: list[tuple[int, int]] = []
 
     def close_chunk(self) -> None:
-        """Put the times of sending, which the library takes for those of recording, in a chunk."""
+        """Write the times of sending into a chunk; the library wrote times of recording there."""
         with self.chunk.bio.getbuffer() as buffer:
             for place, time in self.sent:
                 struct.pack_into('<Q', buffer, place, time)
@@ -113,7 +113,7 @@ class _SentTimesWriter(Writer):
 
 
 class BagPart:
-    """A bag in MCAP with messages of another bag, whose topics it has.
+    """A bag in MCAP with the topics of another bag and some of its messages.
 
     Args:
         path: the path of its folder, which must not exist.
@@ -178,8 +178,8 @@ class LatestMessages:
 
     Args:
         topics: the topics of the bag.
-        repeated: the topics that formulas read whose message comes again at the begin of a span.
-        read: all topics that formulas read; of the others, latched messages come again.
+        repeated: the read topics whose latest message is repeated at the begin of a span.
+        read: all topics that formulas read; latched messages of other topics are repeated.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """MCAP files, read record by record, so that damaged and incomplete files can be read, too.
 
-Most messages are in chunks, compressed sequences of records, each of which is followed by an index
-of its messages.
+Most messages are in chunks (compressed sequences of records). An index of its messages follows each
+chunk.
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ class McapFile:
         last.end, last.start, last.stop = stop, min(last.start, time), max(last.stop, time)
 
     def _count(self) -> None:
-        """Count the messages; chunks without an index, and those with new channels, are read."""
+        """Count the messages; read chunks that have no index, or that have new channels."""
         for chunk in self._chunks:
             is_counted = chunk.is_counted and (self._summary.is_intact or not chunk.is_record)
             if not is_counted or not chunk.counts.keys() <= self._channels.keys():
@@ -331,7 +331,7 @@ class McapFile:
 
         Args:
             chunk: where they are.
-            numbers: of the channels in the bag by those in this file; -1 for those not wanted.
+            numbers: the channel numbers in the bag by the numbers in this file; -1: not wanted.
             sequences: the sequence numbers of the messages before.
             first: the number of messages before.
         """
@@ -402,7 +402,7 @@ class McapFile:
     def _lose(
         self, chunk: _Chunk, reason: str, times: Sequence[int], count: int | None = None
     ) -> None:
-        """Note that a chunk has lost messages: after those with some times if in order."""
+        """Note that a chunk has lost messages: after messages with `times`, if in order."""
         if self._end_fault and chunk.end == len(self._data):
             self.faults.add(self._place(chunk), f'a chunk {reason}')
             return  # All that follows is lost, too.
@@ -460,7 +460,7 @@ class McapSummary:
     Args:
         chunks: the log times of the first and last message of each chunk, by its position.
         counts: the numbers of messages by channel, as the statistics state them.
-        is_intact: False if the summary has another checksum than it states.
+        is_intact: False if the summary does not match its checksum.
     """
 
     chunks: dict[int, tuple[int, int]] = field(default_factory=dict)

@@ -40,7 +40,7 @@ MESSAGE_SIZE: Final = MESSAGE_RECORD.size - RECORD.size
 """The least length of the content of a record of a message."""
 
 UNKNOWN_CODES: Final = {0, *range(0x10, 0x80)}
-"""The operation codes that no record has; those from 0x80 on are of other programs."""
+"""The operation codes that no record has; codes from 0x80 on belong to other programs."""
 
 U16: Final = Struct('<H')
 U32: Final = Struct('<I')

@@ -32,7 +32,7 @@ class SequenceNumbers:
         channels: the channels of the file by their keys.
         faults: where missing messages are counted.
         unread: the number of chunks that are read.
-        former: of the file before, whose numbers go on in this one if they are used.
+        former: the file before; its numbers go on in this file if they are used.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class SequenceNumbers:
         self._unread, self._former = unread, former
         # The latest message of each channel, as in `check`.
         self._latest: Integers = np.empty((4, 0), np.int64)
-        # By channel: the number of gaps less that of steps by one, and whether one steps back.
+        # By channel: the number of gaps minus the number of steps by one; whether a step is back.
         self._excess = np.zeros(1 << 16, np.int64)
         self._steps_back = np.zeros(1 << 16, np.bool_)
         # The last message, and the number of signs that all channels are counted together: steps
@@ -61,8 +61,8 @@ class SequenceNumbers:
         Args:
             rows: the channel, position in the file, log time in nanoseconds and sequence number of
                 all messages of the chunk; of shape (4, n).
-            wanted: True for messages of channels all of whose chunks are read; of shape (n,).
-            is_in_order: False if chunks are read before it that are after it in the file.
+            wanted: True for messages of channels if all chunks of the channel are read; shape (n,).
+            is_in_order: False if chunks that follow it in the file were read before it.
         """
         self._unread -= 1
         if not is_in_order:

@@ -47,7 +47,7 @@ _STEP: Final = re.compile(r'\w+', re.ASCII)
 _MIN_TEXT: Final = 4
 
 Wanted = dict[str | int, Any]
-"""Requested paths as a tree: by the name or index of each step, a tree or the path itself."""
+"""Requested paths as a tree: maps the name or index of a step to a tree, or to the path itself."""
 
 CODES: Final = {'bool': '?', 'byte': 'B', 'char': 'B', 'float32': 'f', 'float64': 'd'} | {
     f'{sign}int{8 << power}': code
@@ -69,9 +69,9 @@ class DecodedFields:
 
     Args:
         intact: False for messages that are too short for their type; the rest has no rows for them.
-        values: by the path of the field.
+        values: the values by the path of the field.
         absent: the reasons why messages lack a field, by its path and the number of the message.
-        longer: the number of messages that are longer than their type, which are not intact.
+        longer: the number of messages that are longer than their type; they are not intact.
     """
 
     intact: NDArray[np.bool_]
@@ -108,7 +108,7 @@ class CdrReader:
     Args:
         layout: the layout of the type.
         paths: the paths of the fields, which the type has; `WHOLE` stands for the message.
-        is_exact: True to leave out messages that are longer than their type: they have another one.
+        is_exact: True to leave out messages that are longer than their type: it is another type.
     """
 
     def __init__(
@@ -380,7 +380,7 @@ class WholeMessageReader:
 
     Args:
         layout: the layout of the type.
-        members: those that are wanted; members after these are left out. Empty: all.
+        members: the wanted members; members after the last of them are left out. Empty: all.
     """
 
     def __init__(self, layout: TypeLayout, members: Collection[str]) -> None:

@@ -108,7 +108,7 @@ class CdrCursor:
         self._smallest = int(sizes.min()) if len(sizes) else 0
         self.position: Offset = 0
         self.intact = np.ones(len(origins), np.bool_)
-        """False for messages that end before their type does; other values of these are any."""
+        """False for messages that end before their type does; their values are arbitrary."""
 
     def __len__(self) -> int:
         return len(self._origins)

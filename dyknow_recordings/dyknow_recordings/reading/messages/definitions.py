@@ -62,9 +62,9 @@ class TypeDefinition:
 
     Args:
         name: such as `nav_msgs/msg/Odometry`.
-        encoding: of the definition: `ros2msg`, `ros2idl`, or empty if there is none. The text of a
-            service event is the service's, with any encoding.
-        text: the definition of the type and of those within it; empty if there is none.
+        encoding: `ros2msg`, `ros2idl`, or empty if there is no definition. A service event has the
+            text of the service, with any encoding.
+        text: the definition of the type and of types within it; empty if there is none.
     """
 
     name: str
@@ -178,8 +178,8 @@ class MessageTypes:
     """Sources of message definitions that a recording lacks. It can be pickled.
 
     Args:
-        distro: of ROS 2, such as `humble`; empty: the one that the recording names.
-        folders: with files `<package>/msg/<name>.msg`, `.idl` or `<package>/srv/<name>.srv`.
+        distro: the distribution of ROS 2, such as `humble`; empty: the recording names it.
+        folders: folders of `<package>/msg/<name>.msg`, `.idl` or `<package>/srv/<name>.srv`.
         prefixes: the prefixes of the workspaces that are sourced.
     """
 

@@ -125,7 +125,7 @@ class TypeLayout(MessageLayout):
 
     Args:
         definition: the definition of the type.
-        types: where the definitions are that its text lacks.
+        types: where to find the definitions that its text lacks.
 
     Raises:
         RecordingError: if the type is unknown (NOT_FOUND), or its definition cannot be read.

@@ -1,4 +1,4 @@
-"""Samples of streams: messages with typed values under names, such as those of other hosts."""
+"""Samples of streams: messages with typed values under names, as from other hosts."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class SampleLayout(TypeLayout):
 
     Args:
         definition: the definition of the type of samples.
-        types: where the definitions are that its text lacks.
-        first: the first sample as it is serialised; its names are those of all.
+        types: where to find the definitions that its text lacks.
+        first: the first sample as it is serialised; all samples have its names.
     """
 
     def __init__(self, definition: TypeDefinition, types: MessageTypes, first: bytes) -> None:

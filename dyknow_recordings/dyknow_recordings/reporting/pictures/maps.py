@@ -31,7 +31,7 @@ class _Shape:
     """A region as it is drawn.
 
     Args:
-        time: from when on a region that moves was there, for people; empty for others.
+        time: for a region that moves, since when it was there, for people; else empty.
     """
 
     name: str
@@ -125,7 +125,7 @@ def _line(points: NDArray[np.float64], frame: str) -> dict[str, Any]:
 
 
 def _shapes(found: RecordedMap, formulas: Sequence[FormulaReport], whole: Span) -> Iterator[_Shape]:
-    """Yield the regions as they are drawn: those that move, at failures and at the end."""
+    """Yield the regions as they are drawn; moving regions appear at failures and at the end."""
     outcomes = _outcomes(formulas)
     for each in found.regions:
         yield _Shape(each.name, each.frame, each.geometry, outcomes.get(each.name))

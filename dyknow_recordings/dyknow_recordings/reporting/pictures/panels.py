@@ -92,11 +92,11 @@ class Panel:
     Args:
         objects: the choice of objects, `u = uav1`; empty without one.
         atoms: their texts.
-        signals: drawn together, as an atom compares them.
+        signals: signals that are drawn together, because an atom compares them.
         thresholds: the thresholds of these signals.
         is_decisive: True if these objects decided the formula.
-        unit: of the signals, as in the formula or else of their features; empty if unknown.
-        relations: in the place of signals: a row for each, with a bar while it held.
+        unit: the signals' unit in the formula, or else of their features; empty if unknown.
+        relations: replace signals: a row for each relation, with a bar while it held.
     """
 
     objects: str
@@ -124,9 +124,9 @@ class Marks:
     Args:
         deciding: the states that decided the first episode of each run with the worst outcome.
         windows: the intervals of time that the explanation names.
-        pending: those in which the formula still awaits something.
+        pending: the intervals in which the formula still awaits something.
         gaps: times in which states may be missing.
-        unknown: times in which a signal has no value, by its name.
+        unknown: times in which a signal has no value, by the name of the signal.
         violations: the times at which streams broke their constraints.
         held: times in which relations held, by their texts.
     """
@@ -308,7 +308,7 @@ def _threshold(atom: Comparison, sides: Sequence[Term]) -> Threshold | None:
 
 
 def held_spans(formula: str, known: StateSignals) -> dict[str, tuple[Span, ...]]:
-    """Return when the relations of a formula held, by their texts; without those that never did.
+    """Return when the relations of a formula held, by their texts; omit relations that never held.
 
     Args:
         formula: its canonical text.

@@ -15,7 +15,7 @@ from dyknow_reasoning import Always, Eventually, Formula, Term, Until, parse_for
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 
 MAX_SEGMENTS: Final = 200
-"""The segments that can be seen; of more, those in one place become one with the worst outcome."""
+"""The most visible segments; with more, segments in one place merge into the worst outcome."""
 
 MAX_MARKS: Final = 20
 """The number of gaps, violations and the like that are marked in one place."""
@@ -91,7 +91,7 @@ def spans_where(times: NDArray[np.int64], found: NDArray[np.bool_]) -> tuple[Spa
 
 
 def extent(report: RecordingReport) -> Span:
-    """Return the valid times of a recording, and its start as their origin, as `--begin` has it.
+    """Return the valid times of a recording, with its start as their origin, as for `--begin`.
 
     A state may be valid before the first message was logged: then its offset is negative. If the
     log times are of another clock, the origin is the first valid time.
@@ -135,7 +135,7 @@ def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
 
 
 def episode_runs(formula: FormulaReport) -> list[Sequence[Episode]]:
-    """Return runs of episodes with the same outcome, those with the worst outcome first."""
+    """Return runs of episodes with the same outcome, the worst outcome first."""
     runs = [[*each] for _, each in groupby(formula.episodes, lambda episode: episode.outcome)]
     return sorted(runs, key=lambda run: _SEVERITY[run[0].outcome])
 
