@@ -63,7 +63,7 @@ def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], V
     It raises NoValueError for an array that has no such value.
 
     Args:
-        field: with an aggregate.
+        field: a field with an aggregate.
         kind: the type of the elements; None for structs.
     """
     if field.function == 'count':
@@ -81,7 +81,7 @@ def conditioned(
     The function raises NoValueError for arrays of different lengths.
 
     Args:
-        field: with conditions, or `any` or `all` of booleans.
+        field: a field with conditions, or `any` or `all` of booleans.
         kinds: the type of the elements of each array.
     """
     parts, result = field.parts, _RESULTS[field.function]
@@ -153,7 +153,7 @@ def outline(points: Sequence[Any]) -> str:
     """Return the polygon with some vertices, in well-known text; nothing is repaired.
 
     Args:
-        points: with x and y, in the order of the boundary. The last one may equal the first one.
+        points: points with x and y, in the order of the boundary; the last may equal the first.
 
     Raises:
         NoValueError: if they are too many.

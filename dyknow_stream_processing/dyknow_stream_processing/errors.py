@@ -14,8 +14,8 @@ def unknown_stream(name: str, known: Iterable[str], topic: str = '') -> StreamEr
 
     Args:
         name: the name of the stream.
-        known: the names of those that exist.
-        topic: one that was probably meant.
+        known: the names of the existing streams.
+        topic: the topic that was probably meant.
     """
     listed = ', '.join(known) or 'none'
     hint = f'; for the topic, write "{topic}"' if topic else ''

@@ -1,8 +1,8 @@
 """Values in messages that are found by keys, or computed from arrays.
 
-A message is any object with attributes: one of rclpy, or one that was decoded from a recording.
-A path is taken apart once, into functions that each read the value of the one before. The functions
-of `max(status[name = "lidar"].values.x)` return
+A message is any object with attributes: from rclpy, or decoded from a recording. A path is taken
+apart once, into functions; each function reads the result of the previous one. The functions of
+`max(status[name = "lidar"].values.x)` return
 
     the status whose name is "lidar" -> the `x` of each of its `values` -> the greatest
 """
@@ -57,7 +57,7 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
 
     Args:
         fields: the fields of the message type, with their types.
-        path: one of them.
+        path: the path of one of the fields.
 
     Returns:
         The function; it raises NoValueError for a message that has no such value.

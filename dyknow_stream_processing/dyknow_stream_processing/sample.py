@@ -51,8 +51,8 @@ class PartialFields(dict[str, Value]):
 
     Args:
         fields: the fields that it has.
-        reasons: for each missing field, why it is missing.
-        rows: fields of the elements of arrays, by the name under which an operator asks for them.
+        reasons: the reason why each missing field is missing.
+        rows: fields of the elements of arrays, by the name that operators use for them.
     """
 
     def __init__(

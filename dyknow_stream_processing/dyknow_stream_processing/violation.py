@@ -28,8 +28,9 @@ class Fault:
     """A violation as an operator detects it: without the name of the stream and the current time.
 
     Args:
-        constraint: a `ViolationKind`, or the text of one from another node.
-        valid_time: of the sample at fault, or the latest valid time of a missing one; nanoseconds.
+        constraint: a `ViolationKind`, or the text of a kind from another node.
+        valid_time: the valid time of the sample at fault, or the latest valid time that a missing
+            sample may have; nanoseconds.
         observed: the measured delay or distance in nanoseconds; 0 where nothing is measured.
         allowed: the bound that was exceeded, in nanoseconds; 0 where nothing is measured.
     """

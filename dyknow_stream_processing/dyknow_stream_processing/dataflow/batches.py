@@ -115,7 +115,7 @@ def by_clock(delay: int) -> Settled:
 
 
 def by_samples(valid_times: Times, receipts: Times) -> Settled:
-    """Return when samples, in order, promise times: each one those until its valid time."""
+    """Return when samples promise times: each sample, in order, promises times until its own."""
     known = np.append(receipts, END)
     return lambda times, _: known[np.searchsorted(valid_times, times)]
 
@@ -133,7 +133,7 @@ def latest(parts: Sequence[Settled]) -> Settled:
 
 
 def later_than(watermark: int, settled: Settled) -> Settled:
-    """Return when times become certain if those until a watermark are."""
+    """Return when times become certain, if times until a watermark are certain already."""
     return lambda times, clock: np.where(times <= watermark, BEGINNING, settled(times, clock))
 
 

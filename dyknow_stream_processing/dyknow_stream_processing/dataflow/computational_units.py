@@ -12,9 +12,9 @@ keyword-only parameters of the function; a duration is in nanoseconds.
 A unit is called with one mapping for each of its streams: the fields in the order of the
 declaration, each with its value. If it has a parameter `valid_time`, it receives the valid time of
 the sample in nanoseconds by that name. It returns the value of the declared field, or a mapping of
-those of several; `None` emits no sample. It should return quickly, because it blocks the whole
-dataflow. A unit without memory may have a method `many`, which gets the valid times and the columns
-of its fields, and returns those of its results, of floats: recordings are processed by columns.
+several fields to their values; `None` emits no sample. It should return quickly, because it blocks
+the whole dataflow. A unit without memory may have a method `many` that gets the valid times and the
+columns of its fields, and returns columns of results, as floats: so recordings run by columns.
 """
 
 from __future__ import annotations
@@ -158,10 +158,10 @@ class UnitCall:
         return {name: _typed(each, self.outputs[name]) for name, each in found.items()}
 
     def _check_inputs(self, name: str) -> None:
-        """Raise an error if it takes another number of streams than are declared."""
+        """Raise an error if the unit does not take the declared number of streams."""
         timing = {TIME: 0} if self.takes_time else {}
         with suppress(ValueError):  # Some functions written in C have no signature.
-            # A decorator may pass other arguments on than it gets.
+            # A decorator may change the arguments before it passes them on.
             found = signature(self._call, follow_wrapped=False)
             try:
                 found.bind(*self.parameters, **timing)

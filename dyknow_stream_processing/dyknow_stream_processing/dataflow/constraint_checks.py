@@ -10,7 +10,7 @@ its `max_delay` has passed, because an earlier one may still arrive (times in mi
     14      receive the sample valid at 2  - (dropped, violation: 12 ms late)
     15      max_delay of 5 has passed      the sample valid at 5
 
-If the stamps of "a" are in order, as those of one publisher are, no sample waits (the same ones):
+If the stamps of "a" are in order, as from one publisher, no sample waits (with the same samples):
 
     5       receive the sample valid at 5  the sample valid at 5
     6       receive the sample valid at 3  - (dropped, violation: out of order)

@@ -121,8 +121,8 @@ class Dataflow:
             on_violation: receives the violations in the stream and in all its inputs.
 
         Raises:
-            StreamError: if there is a stream of that name, the constraints contradict those of the
-                specification, or a computational unit cannot be instantiated.
+            StreamError: if there is a stream of that name, if the constraints contradict the
+                specification, or if a computational unit cannot be instantiated.
             LanguageError: if the specification is not valid here.
         """
         if name in self._streams:
@@ -245,7 +245,7 @@ class Dataflow:
 
     @property
     def owed(self) -> frozenset[str]:
-        """The topics of which a new stream lacks a value that is kept; see `repeat`."""
+        """The topics whose kept value a new stream still lacks; see `repeat`."""
         return self._graph.owed
 
     def repeat(self, topic: str, sample: Sample) -> None:
@@ -266,7 +266,7 @@ class Dataflow:
         """Process messages as columns, and the time until the last one, as `push` would.
 
         Args:
-            messages: by the topic, in the order of their receipt.
+            messages: the messages by topic, in the order of their receipt.
             end: the time of receipt of the last message, in nanoseconds.
 
         Returns:
@@ -338,7 +338,7 @@ class Dataflow:
             stream.report(violation)
 
     def forget(self, topics: AbstractSet[str]) -> None:
-        """Begin all streams that are made of some topics anew, as messages of these are missing.
+        """Restart all streams that are made of some topics, as messages of the topics are missing.
 
         Periodic ticks stay where they are.
         """
@@ -376,8 +376,8 @@ class _RunningStream:
     """A named stream: listens to the last of its operators, and observes all of them.
 
     Args:
-        names: the names that other streams give to operators, by the labels of these; the names of
-            this stream take precedence.
+        names: the names that other streams give to operators, by the labels of the operators; the
+            names of this stream take precedence.
     """
 
     name: str
@@ -424,7 +424,7 @@ class _RunningStream:
                 pending.extend(operator.inputs)
 
     def restart(self, scheduler: Scheduler, root: Operator) -> None:
-        """Listen to another operator, whose times may be earlier than those so far."""
+        """Listen to another operator; its times may be earlier than the times so far."""
         self.scheduler = scheduler
         self.available_time = BEGINNING
         self.operators.clear()
@@ -489,11 +489,11 @@ def waiting_reasons(
 ) -> Iterator[str]:
     """Yield why an operator emits no samples, if it emits none: what its operators wait for.
 
-    Example: `sync("/a", (select x from "/b" where x > 9), "/c")`, of which only /b has delivered,
-    with x = 1. The `sync` waits for the two others; so the reasons are those of /a and of /c, such
-    as `nobody publishes /a`. Once these deliver, the `sync` waits for the `select`, whose input
-    delivers samples while it emits none. So the reason is its own: `no sample of /b satisfies
-    x > 9`.
+    Example: in `sync("/a", (select x from "/b" where x > 9), "/c")`, only /b has delivered, with
+    x = 1. The `sync` waits for /a and /c, so their reasons are yielded, such as `nobody publishes
+    /a`. Once /a and /c deliver, the `sync` waits for the `select`. The input of the `select`
+    delivers samples, but the `select` emits none. So the reason is the `select` itself: `no sample
+    of /b satisfies x > 9`.
 
     Args:
         operator: is taken to emit none.

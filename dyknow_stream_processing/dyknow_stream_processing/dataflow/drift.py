@@ -4,11 +4,11 @@ A table says `0.95 of 32 blocks of 5 s`: measured in 32 blocks of time, a truth 
 inside with a probability of at least 0.95. So at most one value in each block is compared with the
 forecast of it, at another place in each block.
 
-If the new blocks are exchangeable with those measured, then the chance of a value to be outside
-depends on the calibration: with n blocks and a coverage of c, it is distributed as
+If the new blocks are exchangeable with the measured ones, then the chance that a value is outside
+depends on the calibration: with n blocks and a coverage of c, this chance has the distribution
 Beta((1 - c)(n + 1), c(n + 1)), and the number of values outside is beta-binomial (Vovk, Conditional
-validity of inductive conformal predictors, 2012). A plain binomial test would take the luck of a
-calibration by few blocks for a drift.
+validity of inductive conformal predictors, 2012). A plain binomial test would mistake the luck of a
+calibration with few blocks for a drift.
 """
 
 from __future__ import annotations

@@ -47,12 +47,12 @@ class Forecast(ABC):
 
     Args:
         horizon: the last time, in nanoseconds from the sample on.
-        step: between the times, in nanoseconds; a divisor of the horizon.
+        step: the distance of the times, in nanoseconds; a divisor of the horizon.
         bound: `low` or `high`: which bound of the values is the result.
-        widening: of the half-width at each time, beginning with now, as numbers with spaces
-            between them; empty for none. At most `-half-width` counts if it is negative. After a
-            `;`, what the calibration promises, `0.95 of 32 blocks of 5 s`: values are then
-            compared with the forecast of them at the horizon.
+        widening: the widening of the half-width at each time, beginning with now, as numbers with
+            spaces between them; empty for none. A negative one cannot exceed the half-width. After
+            a `;`, the promise of the calibration, `0.95 of 32 blocks of 5 s`: then values are
+            compared with their forecast at the horizon.
 
     Raises:
         ValueError: naming the argument that is at fault.
@@ -178,7 +178,7 @@ class _Route:
         if self.is_timed and np.any(steps <= 0):
             raise ValueError('the stamps of the path do not increase, and are not all the same')
         if not self.is_timed:
-            # A pose that repeats the one before it has no place of its own on the way.
+            # A repeated pose adds no point to the way.
             points = points[np.append(True, np.diff(points) != 0)]
             along = np.append(0.0, np.abs(np.diff(points)).cumsum())
         self._points, self._along = points, along
@@ -251,7 +251,7 @@ class PlannedPath(_InThePlane):
 
 @dataclass(eq=False, kw_only=True)
 class Kalman(Forecast):
-    """A Kalman filter of a value and its rate, which it estimates from the values alone.
+    """A Kalman filter of a value and its rate; it estimates the rate from the values alone.
 
     Each sample begins a new acceleration, which is white noise (Bar-Shalom et al., Estimation with
     Applications to Tracking and Navigation, 2001, section 6.3.2). The half-width holds 95 % of the

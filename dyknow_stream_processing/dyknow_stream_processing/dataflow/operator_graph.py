@@ -246,7 +246,7 @@ class OperatorGraph:
     ) -> Operator:
         type_ = self._source_type(name)
         source = self._source(label, type_)
-        # Streams share the operator, also those made before the type was known.
+        # Streams share the operator, including streams made before the type was known.
         source.set_type(type_)
         max_lead = arrival.max_lead
         limit = (self._max_lead, True) if max_lead is None else (max_lead, False)

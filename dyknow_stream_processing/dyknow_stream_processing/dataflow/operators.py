@@ -11,8 +11,8 @@ in nanoseconds. It makes two kinds of promises about valid times:
   maximum delay has then delivered every sample up to `t`.
 
 A stream of another engine is *vouched*: that engine sends its watermarks. Its samples may be late
-or lost because the engine, not the robot, is slow or dead. So the clock says nothing about its
-values after the latest watermark, `covered_until()`; it only reveals that a constraint is broken.
+or lost because the engine, not the robot, is slow or dead. So the clock says nothing about values
+after the latest watermark, `covered_until()`; the clock only reveals that a constraint is broken.
 
 An operator reacts to the clock in `wake` only. The scheduler wakes operators in the order of time
 and then of rank, so each operator wakes after the inputs whose `certain_at` it uses.
@@ -90,9 +90,10 @@ class DelayLimits(NamedTuple):
     """The `max_delay` of topics for which a stream gives none, in nanoseconds.
 
     Args:
-        stamped: of topics whose messages are stamped.
-        sent: of topics whose valid times are the times of sending. Once it has passed, the clock
-            makes a time certain; a stamp may have any delay, so it never does for stamped topics.
+        stamped: the limit for topics whose messages are stamped. A stamp may have any delay, so the
+            clock never makes a time certain for these topics.
+        sent: the limit for topics whose valid times are times of sending. Once it has passed, the
+            clock makes a time certain.
     """
 
     stamped: int = SECOND_NS
@@ -102,9 +103,10 @@ class DelayLimits(NamedTuple):
 DEFAULT_DELAYS: Final = DelayLimits()
 
 OTHER_CLOCK_NS: Final = 24 * 3600 * SECOND_NS
-"""The delay from which on stamps are of another clock: of a replayed recording, of a simulation.
+"""From this delay on, stamps come from another clock: of a replayed recording or a simulation.
 
-They say nothing about delays. No `sync` can join them with present ones: it holds too few samples.
+Such stamps say nothing about delays. No `sync` can join them with present stamps: it would have to
+hold too many samples.
 """
 
 UNKNOWN_TYPE: Final = SourceType(None, receipt_time=False)
@@ -335,7 +337,7 @@ class SourceOperator(Operator):
         return Planned(replace(messages, settled=settled), self.watermark, adopt)
 
     def vouch(self, watermark: int, now: int) -> None:
-        """Pass a watermark of another engine on, which it has sent without a sample."""
+        """Pass on a watermark that another engine has sent without a sample."""
         self.become_vouched()
         self._promise(watermark, now)
 

@@ -17,8 +17,8 @@ began at 10:
     received                        reported
     violation of 9                  -            (it concerns others)
     violation of 12                 it
-    sample after the one of 12      -
-    sample after one of 15          a violation has not arrived: this sample cannot be trusted
+    sample after violation 12       -
+    sample after violation 15       a violation has not arrived: this sample cannot be trusted
     violation of 15                 it
 """
 
@@ -96,10 +96,10 @@ class ReceivedWatermarks:
         self._looked_at = -SPACING
 
     def expect(self, stream_id: int) -> SampleOrigin:
-        """Record the stream that a reader of the topic has chosen; samples of others follow it.
+        """Record the stream that a reader of the topic has chosen; other streams' samples follow.
 
-        The reader may know less than was received here: its stream may turn out to be gone, and
-        the one so far to be the stream of the topic.
+        The reader may know less than was received here: its stream may turn out to be gone, and the
+        former stream may turn out to be the stream of the topic.
         """
         if stream_id in self._former:
             return SampleOrigin.FORMER
@@ -170,7 +170,7 @@ class ReceivedWatermarks:
         self._overtaken += 1
         if self._overtaken < PATIENCE:
             return 0
-        # Without any sample so far, those that are missing were sent before the subscription.
+        # Before the first sample, missing samples were sent before the subscription.
         lost = 0 if self._number is None else held.number - self._number
         self._number, self._overtaken = held.number, 0
         return lost

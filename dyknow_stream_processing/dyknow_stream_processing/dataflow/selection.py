@@ -37,7 +37,7 @@ ABSENT: Final = 'absent'
 
 
 class SelectOperator(Operator):
-    """Some fields of those samples of its source that satisfy all conditions."""
+    """Some fields of the samples of its source that satisfy all conditions."""
 
     def __init__(
         self, wiring: Wiring, selections: Sequence[Selection], conditions: Sequence[Condition]
@@ -88,8 +88,8 @@ class SelectOperator(Operator):
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
         """Promise the same, except for a time at which nothing has been selected.
 
-        Many samples may share a valid time, such as one of each robot of a fleet. The next one may
-        be the one that is selected, so consumers must wait for it.
+        Many samples may share a valid time, such as one of each robot of a fleet. The next sample
+        may be selected, so consumers must wait for it.
         """
         self._promise(self._promised(watermark, self._emitted), now)
 

@@ -336,7 +336,7 @@ class SyncOperator(SynchronisedOperator):
             refuse(Refusal.ORDER)
 
     def _targets(self, times: Sequence[Times], until: int) -> tuple[Times, Times, int | None]:
-        """Return the targets until a time, those that are ticks, and the tick after them.
+        """Return the targets until a time, the ticks among them, and the tick after them.
 
         Args:
             times: the valid times of the samples of each track, the latest one included.
@@ -395,7 +395,7 @@ class SyncOperator(SynchronisedOperator):
                 refuse(Refusal.BUFFER)
 
     def _thin(self, inputs: Sequence[SampleBatch], tick: int, since: int) -> None:
-        """Remove waiting samples that no tick needs, of those received after a time."""
+        """Remove samples that were received after a time, wait, and are needed by no tick."""
         for track, batch in zip(self._tracks, inputs, strict=True):
             rows, track.waiting = track.waiting, deque()
             times = batch.emission_times().tolist()[-len(rows) :] if rows else []

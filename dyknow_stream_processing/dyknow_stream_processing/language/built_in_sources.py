@@ -29,7 +29,7 @@ _MESSAGE_TYPES: Final = {
     BuiltIn.TF: ('tf2_msgs/msg/TFMessage', 'transforms[0].child_frame_id'),
     BuiltIn.ACTION: ('action_msgs/msg/GoalStatusArray', 'status_list[0].status'),
 }
-"""The type of the messages of a source, and a field by which it is recognised."""
+"""The message type of a source, and a field that identifies the source."""
 
 
 def built_in_fields(source: BuiltInSource) -> Mapping[str, ValueType]:
@@ -40,13 +40,13 @@ def built_in_fields(source: BuiltInSource) -> Mapping[str, ValueType]:
 def built_in_source(
     kind: BuiltIn, arguments: tuple[str, ...], window: int | None, position: TextPosition
 ) -> BuiltInSource:
-    """Return a built-in source of arguments in a text.
+    """Return a built-in source with the arguments in a text.
 
     Args:
         kind: the kind of the source.
-        arguments: the quoted ones.
-        window: a duration after them, nanoseconds.
-        position: in the text.
+        arguments: the quoted arguments.
+        window: the duration after the arguments, in nanoseconds.
+        position: the position in the text.
 
     Raises:
         PositionedError: if the arguments do not fit.

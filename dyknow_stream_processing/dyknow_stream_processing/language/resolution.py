@@ -63,7 +63,7 @@ class Resolved:
     Args:
         term: its definition.
         fields: the fields of its samples; `None` if they are not known.
-        names: in the specification of the streams that it is made of, by canonical text.
+        names: the names, in the specification, of the streams it is made of, by canonical text.
     """
 
     term: Term
@@ -99,7 +99,7 @@ def resolve(
     Args:
         specification: the specification.
         constraints: are added to the stream's.
-        streams: that an identifier may refer to, beside the declared ones.
+        streams: the streams that an identifier may refer to, besides the declared ones.
         topic_fields: returns the fields of a topic; `None` if they are not known.
         units: the existing computational units, by name.
 

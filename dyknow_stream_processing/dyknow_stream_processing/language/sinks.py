@@ -23,7 +23,7 @@ from dyknow_stream_processing.language.specification import (
 
 
 def made(specification: Specification) -> Term:
-    """Return the stream that a specification makes: its sink, or the one stream that no other uses.
+    """Return the stream that a specification makes: its sink, or its only unused stream.
 
     Raises:
         LanguageError: if there is none, or more than one.
@@ -60,7 +60,7 @@ def specifications_by_sink(specification: Specification) -> Mapping[str, Specifi
     """Return, for the name of each sink of a text, a specification of that stream alone.
 
     `sink altitude` names the stream `altitude`; the sinks keep their order, and a sink may use the
-    streams of those before it.
+    streams of earlier sinks.
 
     Raises:
         LanguageError: for a text without sinks, a sink that is not the name of a declared stream,

@@ -68,9 +68,9 @@ class SinkMessage(SyntaxNode):
 
     Args:
         message_type: such as `std_msgs/msg/Float64`.
-        assignments: empty: the fields of the stream have the names of those of the message, or
-            there is one field in both.
-        topic: empty: the topic of the stream, and `/message`.
+        assignments: the values of message fields; if empty, stream and message have the same field
+            names, or one field each.
+        topic: the topic; if empty, the topic of the stream with `/message` appended.
     """
 
     message_type: str
@@ -243,7 +243,7 @@ class Condition(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class Select(_Constrained):
-    """Some fields of those samples of a stream that satisfy every condition.
+    """Some fields of the samples of a stream that satisfy every condition.
 
     Args:
         conditions: a sample must satisfy all.
@@ -329,8 +329,8 @@ class UnitDeclaration(SyntaxNode):
     """A computational unit, `compunit power: float electrical_power((voltage: float, ...))`.
 
     Args:
-        name: under which it is registered.
-        outputs: the fields of its result; often one.
+        name: the name under which it is registered.
+        outputs: the fields of its result, often one field.
         parameters: for each input stream, the fields that the unit uses.
     """
 
@@ -359,7 +359,7 @@ class StreamDeclaration(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class SinkDeclaration(SyntaxNode):
-    """A stream that the text makes, and the messages as which it is published too."""
+    """A stream that the text makes, and the messages in which it is published, too."""
 
     stream: Term
     message: SinkMessage | None = None

@@ -69,7 +69,7 @@ def check_rates(specification: Specification, constraints: StreamConstraints) ->
 
     Args:
         specification: the specification of a stream.
-        constraints: on the stream, which apply to the last of its operators.
+        constraints: the constraints of the stream; they apply to the last of its operators.
 
     Raises:
         DyKnowError: for constraints that no stream can keep.

@@ -74,7 +74,7 @@ class StreamRegistry:
         return tuple(sorted(name for name, stream in self._streams.items() if stream.topic))
 
     def listed_names(self, topics: Iterable[str]) -> tuple[str, ...]:
-        """Return `names` and those that the convention gives to some existing topics, sorted."""
+        """Return `names` and the names that the convention gives to existing topics, sorted."""
         found = set(self.names())
         for topic in topics:
             name = self._convention.name(topic)
@@ -276,7 +276,7 @@ class StreamRegistry:
         return frozenset(filter(None, found))
 
     def text_for(self, stream: CreatedStream, engine: str) -> tuple[str, Mapping[str, str]]:
-        """Return a specification with aliases for an engine, and the topics of these aliases.
+        """Return a specification with aliases for an engine, and the topics of the aliases.
 
         Raises:
             LanguageError: if the text is not a specification.
@@ -423,7 +423,7 @@ def engines_missing(engines: Iterable[str], namespaces: Namespaces) -> StreamErr
 
     Args:
         engines: all engines that were ever found.
-        namespaces: those in which engines are searched.
+        namespaces: the namespaces in which engines are searched.
     """
     known = ', '.join(sorted(engines)) or 'none was ever seen'
     return StreamError(

@@ -110,7 +110,7 @@ def last_sign(topic: str, latest: int, promised: int) -> int:
 
 
 def nearest_topics(topic: str, others: Iterable[str]) -> tuple[str, ...]:
-    """Return the topics whose names are most similar, or else those in other namespaces."""
+    """Return the topics with the most similar names, or else the topics in other namespaces."""
     if len(topic) > MAX_NAME:
         return ()
     known = [each for each in others if len(each) <= MAX_NAME and each != topic][:MAX_TOPICS]

@@ -111,7 +111,7 @@ def as_json(report: StreamReport, users: Iterable[StreamUser] = ()) -> dict[str,
 
     Args:
         report: the report of the stream.
-        users: the formulas that are evaluated; those over its samples, as states, are listed.
+        users: the formulas that are evaluated; formulas with its samples as states are listed.
     """
     document = json_document(report, times=_TIMES)
     flow = document.pop('flow')

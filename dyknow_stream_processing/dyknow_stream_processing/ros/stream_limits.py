@@ -45,7 +45,7 @@ class StreamLimits:
         Args:
             texts: the specifications of the streams that the node has.
             spec: the StreamSpec message, if there is one.
-            lag: for how long the oldest message has waited, in nanoseconds.
+            lag: how long the oldest message has waited, in nanoseconds.
 
         Raises:
             StreamError: UNAVAILABLE with too many streams, or for a node that cannot keep up;

@@ -33,7 +33,7 @@ def document(both: tuple[Any, Any], options: argparse.Namespace) -> dict[str, An
     """Return the reports of the streams and their topics, or of the named stream, as JSON.
 
     Args:
-        both: the reports on streams and on evaluations; None for the latter without a coordinator.
+        both: the reports on streams and on evaluations; without a coordinator, the latter is None.
         options: the options of the command.
 
     Raises:

@@ -74,10 +74,10 @@ class Link:
     transforms: list[Transform] = field(default_factory=list)
 
     def add(self, valid_time: int, transform: Transform) -> list[int]:
-        """Add a transform; return the valid times that are forgotten for it.
+        """Add a transform; return the valid times that it displaces.
 
         Raises:
-            RefusedTransformError: for a second one of a valid time.
+            RefusedTransformError: for a second transform with the same valid time.
         """
         if self.is_static:
             self.times[:], self.transforms[:] = [valid_time], [transform]
@@ -115,8 +115,8 @@ class Chain:
     """The links between two frames.
 
     Args:
-        ascent: from the second frame up to the common parent.
-        descent: from the first frame up to it.
+        ascent: the links from the second frame up to the common parent.
+        descent: the links from the first frame up to the common parent.
     """
 
     ascent: Sequence[Link]

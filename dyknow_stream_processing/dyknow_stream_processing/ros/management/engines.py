@@ -4,8 +4,8 @@ For example, the manager `/robot1/stream_manager` starts:
 
     services   /robot1/stream_processing_engine, /robot1/stream_manager and the node /robot2/e offer
                StreamCreateFromSpec; /robot2/e is in another namespace
-    status     of /robot1/stream_processing_engine: its type is that of an engine
-    report     of its streams: from now on it is given streams
+    status     /robot1/stream_processing_engine has the type of an engine
+    report     /robot1/stream_processing_engine reports its streams: from now on it is given streams
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Engines:
     async def list_streams(self, name: str, made: Callable[[], set[str]]) -> frozenset[str]:
         """Return the streams that an engine makes.
 
-        One that was just restarted has none: they are lost, and nobody has destroyed them.
+        An engine that has just been restarted has none: they are lost, and nobody destroyed them.
 
         Args:
             name: the name of the engine.

@@ -155,10 +155,10 @@ class Placement:
     def identities(self) -> Mapping[str, int]:
         """Return the ids of all streams that engines make, by their topics.
 
-        The id is 0 while it is not certain that an engine makes the requested stream there, from
-        the requested streams: its report may not have been compared yet, or it may have received
-        samples of another stream than the one that the manager knows, or of one that no known
-        stream is.
+        The id is 0 while it is uncertain whether an engine makes the requested stream there, from
+        the requested streams. The report of the engine may not have been compared yet. Or the
+        engine may have received samples of a stream that the manager does not know, or that is not
+        the stream that the manager knows for this topic.
         """
         made = {each.topic: each for each in self._registry.streams() if _is_made(each)}
         found = {topic: self._reported_id(stream) for topic, stream in made.items()}
@@ -309,7 +309,7 @@ class Placement:
                 await self._withdraw(stream)
 
     async def _place_all(self) -> None:
-        """Make the streams that wait, and recreate those whose sources have another topic."""
+        """Make the streams that wait; recreate streams whose sources have another topic."""
         failed: set[str] = set()
         progress = True
         while progress:

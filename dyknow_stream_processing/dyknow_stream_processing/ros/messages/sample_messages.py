@@ -19,7 +19,7 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import ALTERNATIVES, MAX_DIGITS, VALUE_PARSERS, Sample
 
 MAX_LEARNT: Final = 16_384
-"""The largest samples that a `SampleReader` makes a pattern of: Python keeps hundreds of these."""
+"""The largest samples that a `SampleReader` makes a pattern of: Python caches hundreds of them."""
 
 _LEAST: Final = 1 - 10 ** (MAX_DIGITS - 1)
 _GREATEST: Final = 10**MAX_DIGITS - 1
@@ -82,7 +82,7 @@ class SampleReader:
         )
 
     def _read(self, data: bytes) -> tuple[int, dict[str, Value]] | None:
-        """Return the sample; None if its fields differ from those before."""
+        """Return the sample; None if its fields differ from the samples before."""
         (length,) = _FRAME_LENGTH.unpack_from(data)
         start = _FRAME_LENGTH.size + length + -length % 4
         sec, nanosec, _, _, count = _TIMES_AND_COUNT.unpack_from(data, start)

@@ -93,7 +93,7 @@ def report_from_message(message: Any) -> StreamReport:
     """Return the report in a StreamStatus message.
 
     Raises:
-        ValueError: for a state that does not exist, or a rate that is no number.
+        ValueError: for a state that does not exist, or a rate that is not a number.
         DyKnowError: for constraints that contradict each other.
     """
     for rate in (message.rate, *(source.rate for source in message.sources)):

@@ -1,7 +1,7 @@
-"""Messages from values: the one decision on what fits a field.
+"""Messages from values: the only place that decides which value fits a field.
 
 Sinks and generated code give values by their paths, `{'ranges[2]': 1.5}`; triggers and guards give
-trees, as YAML has them, `{'ranges': [0, 0, 1.5]}`. For both alike:
+trees as in YAML, `{'ranges': [0, 0, 1.5]}`. The same rules apply to both:
 
 - A boolean is no number, and a text neither. An int becomes a float where one is wanted.
 - A number lies within the range of its type; a float may be infinite or NaN.
@@ -73,7 +73,7 @@ class FieldError(StreamError):
     """A value that does not fit into a field, or a field that a message does not have.
 
     Args:
-        path: from the message to the value; of an unknown field, to where it would be.
+        path: the path from the message to the value; for an unknown field, to its parent.
         reason: names the value, the type and what the type holds.
         code: NOT_FOUND for an unknown field.
     """
@@ -229,9 +229,9 @@ class _Place:
     """The place of a single value in messages.
 
     Args:
-        steps: from the message to the value.
+        steps: the steps from the message to the value.
         kind: the kind of the value.
-        arrays: those on the way that may be too short: their steps, the index, and the type.
+        arrays: the arrays on the way that may be too short: their steps, the index, and the type.
     """
 
     steps: tuple[Step, ...]
@@ -299,7 +299,7 @@ def _layout(kind: _Message, paths: tuple[str, ...]) -> tuple[list[_Place], list[
             arrays[steps] = array
             given[steps].add(index)
     filled, lengths = 0, []
-    for steps, indexes in given.items():  # An array comes after the one that it is in.
+    for steps, indexes in given.items():  # Outer arrays come before the arrays in them.
         last = max(indexes)
         filled += last + 1 - len(indexes)
         if filled > MAX_FILLED:

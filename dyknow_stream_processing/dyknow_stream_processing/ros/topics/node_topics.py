@@ -4,15 +4,15 @@ Each subscription and timer of a node costs time at every message, so the stream
 one subscription for each topic, one timer that follows the publishers, and one for timed calls.
 
 The time of a message is the time at which the middleware received it. When callbacks of the node
-have run late, the messages of all topics that wait are processed first, in the order of these
-times. For example, a callback of the node takes from 0 to 300 ms:
+have run late, the waiting messages of all topics are processed first, in the order of their times.
+For example, a callback of the node takes from 0 to 300 ms:
 
     time    event
     100     the middleware receives a message of a
     120     a timed call is due, because no message of a may arrive later than that
     150     the middleware receives a message of b
     300     the timer, or the callback of b, runs first: the message of a is processed with the
-            time 100, that of b with 150, and then the timed call is made
+            time 100, the message of b with 150, and then the timed call is made
 
 A node that cannot keep up processes them for SLICE_NS at most; then its other callbacks run.
 """

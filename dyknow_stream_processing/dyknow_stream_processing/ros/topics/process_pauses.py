@@ -33,9 +33,9 @@ SETTLING_NS: Final = 250 * NANOSECONDS['ms']
 """The time after a pause until the middleware has received what was sent meanwhile."""
 
 _DELIVERY_NS: Final = 10 * SECOND_NS
-"""The time after a pause in which requests arrive that were sent before its end.
+"""The time after a pause in which requests may arrive that were sent before the pause ended.
 
-The middleware sends those again, each 3 s, for which its buffers had no place.
+If its buffers are full, the middleware sends a request again, every 3 s.
 """
 
 
@@ -76,8 +76,8 @@ class ProcessPauses:
         """Return for how long a message has waited because of a pause, nanoseconds.
 
         Args:
-            sent_at: the time at which it was sent by the system clock, which may differ from that
-                of the sender; nanoseconds.
+            sent_at: the time at which it was sent, by the system clock, in nanoseconds; the clock
+                of the sender may differ.
         """
         return 0 if sent_at is None else self.delay(time.time_ns() - sent_at, time.monotonic_ns())
 

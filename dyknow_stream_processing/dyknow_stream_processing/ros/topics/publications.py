@@ -134,7 +134,7 @@ def next_request(held: Publication | None, found: Publication) -> Publication:
 
 
 def publishers_remark(node: Node, topics: Iterable[str]) -> str:
-    """Return the end of a message about topics: those with several publishers, and their nodes."""
+    """Return the end of a message: the topics with several publishers, and the nodes of these."""
     remark = ''
     for topic in topics:
         if node.count_publishers(topic) > 1:

@@ -43,7 +43,7 @@ class ViolationRelay:
 
     Args:
         topic: the topic of the samples.
-        heartbeats: that the node receives.
+        heartbeats: the heartbeats that the node receives.
     """
 
     def __init__(
