@@ -83,7 +83,7 @@ class Answer:
         canonical_formula: fully bracketed; empty if the formula could not be parsed.
         explanation: the reason for the verdict, for people.
         groundings: the streams used.
-        margin: if it was asked for: the latest.
+        margin: the latest margin, if it was asked for.
         error: why there is no verdict, with the `code` of the exit status.
         episodes: for a formula that is asked at every state.
     """
@@ -129,13 +129,13 @@ class Progress:
 
     Args:
         states_progressed: number of states so far.
-        latest_valid_time: of the last state, in nanoseconds; 0 before the first.
+        latest_valid_time: the valid time of the last state, in nanoseconds; 0 before the first.
         residual_formula: the formula that the remaining states must satisfy.
         presumably_false: True if the formula would be false without further states.
         streams: the specifications of the streams in use.
         events: what has happened since the last report.
         waits_for: why no state has come for 3 s, or why new objects are left out; else empty.
-        margin: if it was asked for.
+        margin: the margin, if it was asked for.
         probability: the probability of the latest state, if the formula asks for one.
         episodes: for a formula that is asked at every state.
     """
@@ -152,9 +152,9 @@ class Progress:
     episodes: StandingVerdicts | None = None
 
     def of_remainder(self) -> Progress:
-        """Return the progress of a formula, given that of what its peers leave of it.
+        """Convert the progress of the rest that peers leave of a formula to the whole formula's.
 
-        That is false before they tell of their parts, whatever these are.
+        The rest is presumably false before peers report on their parts, whatever these are.
         """
         has_begun = self.states_progressed > 0
         return replace(self, presumably_false=has_begun and self.presumably_false)

@@ -349,7 +349,7 @@ class PlanExecution:
     def _set_phases(
         self, positions: Iterable[FormulaPosition], before: PlanPhase, after: PlanPhase
     ) -> tuple[FormulaPosition, ...]:
-        """Change the phase of those formulas that are in the phase `before`; return them."""
+        """Change the phase of the formulas that are in the phase `before`; return them."""
         changed = tuple(position for position in positions if self._phases[position] is before)
         self._phases.update(dict.fromkeys(changed, after))
         return changed

@@ -20,7 +20,7 @@ from dyknow_coordinator.grounding.feature_sources import (
 )
 
 OPEN_RELATION: Final = 'open_relation'
-"""The text that tells cases of unknown relations of regions apart; no stream has it."""
+"""The text that distinguishes cases of unknown relations of regions; no stream contains it."""
 
 
 def feature_symbols(symbols: Iterable[Symbol]) -> tuple[Symbol, ...]:

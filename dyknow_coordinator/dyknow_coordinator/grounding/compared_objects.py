@@ -63,10 +63,10 @@ async def check_compared_objects(
 
 @dataclass(frozen=True, slots=True)
 class _Comparison:
-    """A comparison of two names, neither of which is bound by `let`.
+    """A comparison of two names that `let` does not bind.
 
     Args:
-        text: of the comparison.
+        text: the text of the comparison.
         sorts: the sorts of the variables in it.
         objects: the other names.
     """

@@ -106,7 +106,7 @@ def declared_sorts(place: ArgumentPlace, rows: Rows) -> frozenset[str]:
 
 
 def only_sort(variable: str, sorts: Mapping[ArgumentPlace, Iterable[str]]) -> str:
-    """Return the one possible sort of a variable, given the sorts of its places.
+    """Return the only possible sort of a variable, given the sorts of its places.
 
     Raises:
         CoordinationError: if there is none, or more than one.

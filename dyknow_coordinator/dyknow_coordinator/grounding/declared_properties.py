@@ -1,8 +1,8 @@
 """Properties that the ontology declares for features: units, sorts of arguments, `unknown`.
 
-A feature with the property `unknown`, or below one that has it, may be unknown at a state. The
-value of the property is the least and the greatest number that it may be then, such as `0.0 1.0`,
-and `-inf inf` for a feature without bounds or of another kind than a number.
+A feature may be unknown at a state if it, or a feature above it, has the property `unknown`. The
+value of the property is the least and the greatest number that the feature may be then, such as
+`0.0 1.0`; it is `-inf inf` for a feature without bounds, or that is not a number.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def property_query(feature: str, name: str) -> str:
 
 
 def own_or_inherited(feature: str, stated: Iterable[tuple[str, T]]) -> list[T]:
-    """Return the values that a feature states itself; if it states none, those that it inherits.
+    """Return the values that a feature states itself; if it states none, the inherited values.
 
     Args:
         feature: its name.

@@ -111,7 +111,7 @@ class Candidates:
     """The sources found for the features of a formula.
 
     Args:
-        found: sources; for one feature in descending order of quality.
+        found: sources; the sources of one feature are in descending order of quality.
         nearest: for symbols without a source, the nearest matches as text.
     """
 

@@ -127,7 +127,7 @@ class KnownStreams:
         """Return True if a stream that a source is made from should have had a sample by now.
 
         This is a stream with a `sample_period` or a `max_gap` if all topics that it is made from
-        have been silent for longer than that.
+        have been silent for longer than this time.
 
         Args:
             source: the source.

@@ -123,7 +123,7 @@ class _Atom:
     Args:
         relation: the relation.
         names: the names of the regions, or of variables.
-        objects: that each variable stands for; None for a region.
+        objects: the objects that each variable stands for; None for a region.
     """
 
     relation: RegionRelation

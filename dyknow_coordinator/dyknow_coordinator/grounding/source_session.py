@@ -89,7 +89,7 @@ class SourceChoice:
         known: KnownStreams,
         now: int,
     ) -> tuple[FeatureSource, ...]:
-        """Return the best source of each feature that has samples; those in use if none is better.
+        """Return the best source with samples of each feature; the present ones if none is better.
 
         Args:
             in_use: the sources in use, ordered by feature.
@@ -118,10 +118,10 @@ class SourceChoice:
         now: int,
         present: Sequence[FeatureSource] = (),
     ) -> tuple[FeatureSource, ...]:
-        """Return another available source of each feature that has one, else the one in use.
+        """Return another available source of each feature, or else its source in use.
 
-        Return none if no feature has another one, or if one has only a source that failed recently.
-        A source whose streams have samples is preferred to one whose streams wait for them.
+        Return none if no feature has another source, or if a feature has only a source that failed
+        recently. A source whose streams have samples is preferred to one whose streams wait.
 
         Args:
             in_use: the sources in use.
@@ -218,9 +218,9 @@ def describe_violation(violation: Violation) -> str:
 class SourceSession:
     """Decides which sources a group uses, and which are at fault.
 
-    It makes no streams: whoever does tells it of violations, looks periodically, and while there
-    are `faults` does what `react` says. All times are in nanoseconds; receipts may be of another
-    clock than `now`.
+    It makes no streams. The caller makes streams, reports violations, looks periodically, and while
+    there are `faults`, does what `react` says. All times are in nanoseconds; receipts may be on a
+    different clock than `now`.
 
         4.0 s  the states break the client's `max_gap`; which source is at fault is not known
         5.5 s  look: /b has had no message for longer than `max_gap`; its sources are excluded, and
@@ -262,7 +262,7 @@ class SourceSession:
     def react(
         self, now: int, standby: tuple[FeatureSource, ...] = ()
     ) -> tuple[FeatureSource, ...] | None:
-        """Return the sources to use after the faults; None if nothing can replace those in use.
+        """Return the sources to use after faults; None if nothing can replace the sources in use.
 
         Args:
             now: the time.
@@ -300,7 +300,7 @@ class SourceSession:
     def better(
         self, received: Mapping[str, int], known_until: int, now: int
     ) -> tuple[FeatureSource, ...]:
-        """Return the best sources that have samples, those in use or others.
+        """Return the best sources that have samples; they may be the sources in use.
 
         Args:
             received: when the latest message of each topic was received; 0 before the first.
@@ -408,10 +408,10 @@ class SourceSession:
 
 
 class StandbySources:
-    """Decides which sources stand by for those in use.
+    """Decides which sources stand by for the sources in use.
 
-    It makes no streams: whoever does sets `chosen`, and tells it of faults. A failed source does
-    not stand by for a while. All times are of one clock, in nanoseconds.
+    It makes no streams: the caller makes them, sets `chosen`, and reports faults. A failed source
+    does not stand by for a while. All times are on one clock, in nanoseconds.
 
     Args:
         known: returns all streams.
@@ -433,7 +433,7 @@ class StandbySources:
 
         Args:
             now: the time.
-            best: the best sources, which stand by if they are others than those in use.
+            best: the best sources; they stand by if they differ from the sources in use.
         """
         if best and best != self.in_use and not self._choice.have_failed(best, now):
             return best

@@ -10,7 +10,7 @@ from dyknow_common import SECOND_NS, round_duration
 from dyknow_coordinator.reporting.evaluation_status import Diagnosis, Level
 
 START_UP_NS: Final = 5 * SECOND_NS
-"""Time from when a node is first looked for, within which it may be missing."""
+"""The time after the first search for a node, within which the node may be missing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ def verdict_token(name: str) -> str:
     if _WORDS.fullmatch(name) and len(name) <= MAX_TOKEN:
         return name.replace(' ', '_')
     checksum = f'{zlib.crc32(name.encode(errors="surrogatepass")):08x}'
-    # ROS has no topics whose names begin with a digit, and hides those that begin with `_`.
+    # ROS has no topic whose name begins with a digit, and hides a topic whose name begins with `_`.
     text = _OTHERS.sub('_', name).lstrip('_0123456789')[: MAX_TOKEN - len(checksum) - 1]
     return f'{text.rstrip("_") or "formula"}_{checksum}'
 
@@ -95,8 +95,8 @@ class VerdictTopicNames:
         """Return the evaluation of each topic, by the last part of its name.
 
         Args:
-            evaluations: those with names that run or ended recently, by unique keys, in the order
-                of their requests.
+            evaluations: the named evaluations that run or ended recently, by unique keys, in the
+                order of their requests.
         """
         self._tokens = {key: each for key, each in self._tokens.items() if key in evaluations}
         self._owners = {each: key for each, key in self._owners.items() if key in evaluations}

@@ -6,7 +6,7 @@ it once the ROS graph has one node of that name, some 20 s after the former run 
 identifier of a goal shows its client:
 
     5 bytes    a hash of the name of the node
-    6 bytes    its time of start in milliseconds; of other nodes, that of their process
+    6 bytes    its time of start in milliseconds; for other nodes, the start of their process
     5 bytes    random
 
 Clients other than `FormulaClient` choose identifiers at random; each goal seems to be of another
@@ -104,10 +104,10 @@ class ClientWatch:
 
 
 class CancellingActionServer:
-    """Action server that cancels goals on request, and those whose client is known to be gone.
+    """Action server that cancels goals on request, and if their client is known to be gone.
 
-    All clients are gone when none is left, and a former run of a client when the next one sends a
-    goal.
+    All clients are gone when none is left. A former run of a client is gone when the next run sends
+    a goal.
 
     Args:
         action_type: `MonitorFormula` is offered as `~/monitor_formula`.

@@ -45,7 +45,7 @@ class CoordinatorContext:
         cleanup: destroys unused streams and formula groups.
         background: runs long computations.
         limits: the limits of all evaluations, and of each one.
-        names: of formula groups and state streams; unique in the system.
+        names: makes names of formula groups and state streams, unique in the system.
     """
 
     node: DyKnowNode

@@ -217,8 +217,8 @@ class MonitoredPlan:
         Args:
             position: the position of the formula.
             evaluation: the evaluation of the formula.
-            end: of its period, in nanoseconds, if not all states until then are known; else None.
-                After a wait, the end of the period counts in any case.
+            end: the end of its period, in nanoseconds, if not all states until then are known; else
+                None. After a wait, the end of the period counts in any case.
         """
         progress = evaluation.progress
         if position in self._waits:
@@ -263,7 +263,7 @@ class PlanMonitoring:
 
     Args:
         start: starts evaluations.
-        limits: of plans.
+        limits: the limits of plans.
     """
 
     def __init__(self, node: DyKnowNode, start: Start, limits: ParameterLimits) -> None:

@@ -116,7 +116,7 @@ class ServiceClients:
         """It joins this host with others; most hosts have none."""
         semantics_manager = RemoteNode(node, names['stream_semantics_manager'])
         self.needed_nodes = (*self.nodes, semantics_manager)
-        """These nodes, and those that they need in turn; without the engines."""
+        """The nodes in `nodes`, and the nodes that they need in turn; without the engines."""
         self.streams_topic = f'{names["stream_manager"]}/streams'
         self.version_topics = tuple(
             f'{names[role]}/version' for role in ('ontology_manager', 'stream_semantics_manager')
@@ -237,8 +237,8 @@ class ServiceClients:
     ) -> tuple[str, str]:
         """Create a stream; return its topic and the topic of its violations.
 
-        It is made from no other streams on the topics of `sources` than those with the given ids.
-        Its relative topics are in the namespace of the coordinator, whatever the manager's is.
+        On the topics of `sources`, it is only made from streams with the given ids. Its relative
+        topics are in the namespace of the coordinator, whatever the manager's namespace is.
         """
         move = partial(in_namespace, specification, self._namespace, self.streams_namespace)
         spec = StreamSpec(

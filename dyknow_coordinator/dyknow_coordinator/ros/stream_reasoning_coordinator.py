@@ -202,7 +202,7 @@ class StreamReasoningCoordinator(DyKnowNode):
     def _forget_superseded(self, later: FormulaEvaluation) -> None:
         if later not in self._evaluations:
             return
-        # Not those after it: two that end together must not remove each other.
+        # Not evaluations after it: two that end together must not remove each other.
         for each in self._evaluations[: self._evaluations.index(later)]:
             if is_superseded(each.answer, later.answer) and later.request.repeats(each.request):
                 self._forget(each)
@@ -291,7 +291,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             evaluation.fail_unavailable(f'node {name}')
 
     def _on_federation_lost(self) -> None:
-        """End the formulas of which peers evaluate parts: nobody tells their verdicts any more."""
+        """End formulas with parts that peers evaluate: no verdicts on the parts come any more."""
         for evaluation in [each for each in self._evaluations if each.needs_peers]:
             evaluation.fail_unavailable(f'node {self._shared.clients.federation.name}')
 

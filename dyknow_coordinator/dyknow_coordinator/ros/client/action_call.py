@@ -26,8 +26,8 @@ class GoalTimeouts:
     """Time limits of a goal, in seconds.
 
     Args:
-        server_s: for the server to be available.
-        result_s: for the result, from then on; None for no limit.
+        server_s: the time limit for the server to be available.
+        result_s: the time limit for the result, from then on; None for no limit.
     """
 
     server_s: float

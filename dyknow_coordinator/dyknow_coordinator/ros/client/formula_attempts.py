@@ -32,7 +32,7 @@ _LEAST_S: Final = 0.001
 """The shortest timeout that is sent."""
 
 _INTERRUPTIONS: Final = (ExitCode.CONSTRAINT_VIOLATION, ExitCode.UNAVAILABLE)
-"""Errors that may pass. NOT_FOUND may, too, but only after one of these."""
+"""Errors that may be temporary. After one of them, NOT_FOUND may be temporary, too."""
 
 
 class FormulaAttempts:

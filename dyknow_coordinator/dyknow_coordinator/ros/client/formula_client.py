@@ -112,9 +112,10 @@ class FormulaClient:
     and a formula that was not violated in its time (TIMEOUT) is normal. A script that needs an
     exception calls `answer.check()`.
 
-    Every wait ends: for the coordinator, after `wait`; until it accepts the formula, after another
-    5 s, in which it accepts some hundred at once; for the verdict, after `timeout` and a grace
-    period. If the coordinator dies meanwhile, the answer is UNAVAILABLE within seconds.
+    Every wait ends. The wait for the coordinator ends after `wait`. The wait until it accepts the
+    formula ends after another 5 s; it accepts hundreds at once in that time. The wait for the
+    verdict ends after `timeout` and a grace period, or within seconds, with UNAVAILABLE, if the
+    coordinator dies.
 
     A wrong argument is a fault of the caller: a TypeError or a ValueError names it.
 
@@ -321,8 +322,8 @@ class FormulaClient:
     ) -> PlanMonitor:
         """Monitor the execution of a plan, whose progress the caller reports to the handle.
 
-        `on_verdict` is called for every change of the status of a formula. The other options are
-        those of all formulas.
+        `on_verdict` is called for every change of the status of a formula. The other options apply
+        to all formulas.
         """
         check_arguments(plan=plan, on_verdict=on_verdict)
         check_arguments(grounding=grounding, constraints=constraints, wait=wait)
@@ -398,7 +399,7 @@ class CoordinatorGoals:
     """Sends goals to the coordinator, with one action client for each action.
 
     Args:
-        node: that sends.
+        node: the node that sends.
         coordinator: the coordinator.
     """
 

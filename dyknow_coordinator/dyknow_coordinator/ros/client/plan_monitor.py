@@ -83,7 +83,7 @@ class PlanMonitor:
         goal_id = bytes(16)
         if self.call is not None:
             await self.call.accepted
-            # Its name may be that of another client's plan, which refuses this one.
+            # Another client's plan may have its name; then this plan is refused.
             goal_id = self.call.goal_id
         if self.outcome.done():
             raise self.outcome.result().error or CoordinationError(

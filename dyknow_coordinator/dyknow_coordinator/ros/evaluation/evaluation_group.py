@@ -145,7 +145,7 @@ class EvaluationGroup:
 
         Args:
             leaving: the formula.
-            until: the valid time in nanoseconds until which it gets states; 0 for no more of them.
+            until: the valid time in nanoseconds until which it gets states; 0: no more states.
         """
         members = [each for each, member in self._members.items() if member is leaving]
         found = [each for each in members if self._removed.get(each, until + 1) > until]

@@ -73,7 +73,7 @@ _MAX_SHOWN: Final = 100
 
 
 class FormulaEvaluation(Evaluation):
-    """Grounds a formula, has it evaluated, and cleans up.
+    """Grounds a formula, lets the reasoning engine evaluate it, and cleans up.
 
     Args:
         request: the formula and the options of its client.

@@ -1,4 +1,4 @@
-"""The standby of a formula group: states of other sources, which can replace those in use at once.
+"""The standby of a formula group: states of other sources, ready to replace the states in use.
 
 Example: the streams `a` (best), `b` and `c` carry `Power[uav1]`.
 
@@ -30,7 +30,7 @@ LOOK_PERIOD_S: Final = 2.0
 
 
 class Standby:
-    """Keeps a state stream ready over other sources than those in use, for features that have some.
+    """Keeps a state stream of alternative sources ready, for features with several sources.
 
     Args:
         sources: decides which, as over recordings.

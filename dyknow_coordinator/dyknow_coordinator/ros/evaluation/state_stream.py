@@ -48,7 +48,7 @@ class StateStream:
         self.chosen: tuple[FeatureSource, ...] = ()
         """The sources that it is made from."""
         self.sources: Mapping[str, int] = {}
-        """The ids of the streams of these, by their topics."""
+        """The ids of the streams of the sources, by their topics."""
         self.created_at_s = context.wall_time_s()
         self._context = context
         self._on_violation = on_violation
@@ -129,7 +129,7 @@ class StateStream:
     def destroy(self) -> None:
         """Destroy the stream; if it is being created, after that.
 
-        A request to destroy it might overtake the one to create it.
+        Otherwise the request to destroy it might overtake the request to create it.
         """
         self._is_destroyed = True
         if self._watch is not None:

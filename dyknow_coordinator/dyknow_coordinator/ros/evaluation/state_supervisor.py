@@ -1,7 +1,7 @@
 """Supervision of the states of a formula group.
 
 The states are made from the best available source of each ground feature. When a source fails,
-another one replaces it (step 13); when a better one appears, it replaces the one in use
+another source replaces it (step 13); when a better source appears, it replaces the source in use
 (section IX). Example: two streams carry `Power[uav1]`, `a` (better) and `b`.
 
 With a gap, because a stream breaks and no `Standby` is ready:
@@ -17,7 +17,7 @@ Without a gap, because a better stream is available:
     20.0 s  the set of published streams changes; a is published and no longer excluded
     20.1 s  states_3, made from a, is created
     20.3 s  a has had a message: the reasoning engine is switched to states_3, without a gap: it
-            progresses the states of states_2 until those of states_3 have caught up
+            progresses states_2 until states_3 has caught up
     20.5 s  the engine has unsubscribed from states_2, which is destroyed
 """
 
@@ -47,7 +47,7 @@ from dyknow_coordinator.ros.evaluation.state_stream import (
 from dyknow_stream_processing import Violation, ViolationKind
 
 RESUME_TIMEOUT_S: Final = 2.0
-"""Time within which other streams must replace those that failed."""
+"""Time within which other streams must replace failed streams."""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
@@ -226,7 +226,7 @@ class StateSupervisor:
         return made.received if made else {}
 
     def _better(self) -> tuple[FeatureSource, ...]:
-        """Return the best sources that have samples, those in use or others."""
+        """Return the best sources that have samples; they may be the sources in use."""
         now = self._context.wall_time()
         return self._session.better(self._received(), self._context.streams.known_until, now)
 
@@ -307,7 +307,7 @@ class StateSupervisor:
         self._is_changing = False
         if not self._has_ended:
             self._run_on()
-        # The standby avoids all sources in use, also those that are well, and streams may have
+        # The standby avoids all sources in use, including healthy ones, and streams may have
         # changed meanwhile.
         self.improve()
 
@@ -423,7 +423,7 @@ class StateSupervisor:
             await self._evaluate(stream, gap=gap)
 
     def _are_replaced(self) -> bool:
-        """Return True if the stream manager knows other streams in the place of those in use."""
+        """Return True if the stream manager knows other streams in place of the streams in use."""
         try:
             return self._context.streams.known.identities(self.chosen) != self.stream.sources
         except CoordinationError:

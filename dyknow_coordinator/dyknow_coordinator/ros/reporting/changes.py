@@ -1,4 +1,4 @@
-"""Changes that are reported together, and those that the semantic nodes report."""
+"""Changes that are reported together, and the changes that the semantic nodes report."""
 
 from __future__ import annotations
 

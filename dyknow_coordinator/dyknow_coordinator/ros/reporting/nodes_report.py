@@ -26,9 +26,9 @@ class WatchedNodes:
     """Nodes by their absolute names, in the order in which they were added.
 
     Args:
-        node: that watches them.
+        node: the node that watches them.
         on_lost: receives the name of a node that is gone.
-        on_return: receives the name of one that was gone and is back.
+        on_return: receives the name of a node that was gone and is back.
     """
 
     def __init__(

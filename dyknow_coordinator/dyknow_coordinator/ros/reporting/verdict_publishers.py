@@ -36,8 +36,8 @@ class VerdictPublishers:
     """Publishes the verdicts of named formulas: soon after each change, and each second.
 
     Args:
-        evaluations: returns those with names that run or ended recently, by unique keys, in the
-            order of their requests.
+        evaluations: returns the named evaluations that run or ended recently, by unique keys, in
+            the order of their requests.
         limit: returns the number of topics.
     """
 
