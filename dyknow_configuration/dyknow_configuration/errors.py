@@ -13,7 +13,7 @@ class ConfigurationError(DyKnowError):
     """A configuration that cannot be read; the message shows the place in its file.
 
     Args:
-        message: with the place.
+        message: the message, with the place.
         code: see `DyKnowError`.
     """
 

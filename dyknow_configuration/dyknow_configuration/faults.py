@@ -9,8 +9,8 @@ read again:
     formulas:
       - {name: a, formula: 'alway p'}        # found in the last round
 
-What a removed part declares is not unknown to the user. So a later fault that names it, such as
-that of a feature below `Speed`, is no finding.
+The user knows what a removed part declares. So a later fault that names it is not a finding, such
+as the fault of a feature below `Speed`.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class RobotFaults:
     """The faults of a robot.yaml, and what the rest of it describes.
 
     Args:
-        robot: without the parts that are at fault; None if nothing is left.
-        document: with its values at their places.
-        faults: in the order in which they were found.
+        robot: the robot without the parts at fault; None if nothing is left.
+        document: the document, with its values at their places.
+        faults: the faults in the order in which they were found.
         removed: the names that removed parts declare.
-        lacks_texts: True if texts were removed that declare other names.
+        lacks_texts: True if removed texts declare other names.
         refused: all texts of formulas and guards that were removed.
     """
 
@@ -190,7 +190,7 @@ def _is_in(node: yaml.Node, place: tuple[int, int]) -> bool:
 
 
 def _scalars(node: yaml.Node) -> Iterator[yaml.ScalarNode]:
-    """Yield the scalars in a node, those in anchors once."""
+    """Yield the scalars in a node; scalars in anchors come once."""
     pending: list[yaml.Node] = [node]
     seen: set[int] = set()
     while pending:

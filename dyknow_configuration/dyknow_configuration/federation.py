@@ -73,10 +73,10 @@ class RequestedFederation:
         same: objects that are the same thing wherever a peer names them.
         compared: features of peers, each with the numbers, in ascending order, with which formulas
             here compare it, in the unit of the peer; they do nothing else with it.
-        peer_timeout: after which an unreachable peer has left, in nanoseconds.
-        history: of the samples that are kept for peers that were unreachable, in nanoseconds.
-        max_uncertainty: of the valid time of a peer's sample, in nanoseconds; beyond it, the sample
-            is a violation.
+        peer_timeout: the time after which an unreachable peer counts as gone, in nanoseconds.
+        history: how long samples are kept for peers that were unreachable, in nanoseconds.
+        max_uncertainty: the largest uncertainty of a peer's valid times, in nanoseconds; a sample
+            with a larger one is a violation.
         zenoh: a file of zenoh's own configuration; None: its defaults.
     """
 

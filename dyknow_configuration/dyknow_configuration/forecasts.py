@@ -283,7 +283,7 @@ class _ForecastReader:
         return found
 
     def _step(self, horizons: tuple[int, ...]) -> int:
-        """Return the time between the times of the forecast: by default 10 until the first."""
+        """Return the step between the times of a forecast; by default, the first horizon / 10."""
         value = self._stated.get('step', self._stated['horizons'])
         step = value.duration() if 'step' in self._stated else horizons[0] // 10
         for each in horizons:

@@ -53,13 +53,13 @@ def read_formulas(
 ) -> tuple[RequestedFormula, ...]:
     """Return the formulas of a file.
 
-    A file with the ending `.yaml` or `.yml` has a list of formulas as `robot.yaml` has it. Any
-    other has one formula a line; # begins a comment line.
+    A file with the ending `.yaml` or `.yml` has a list of formulas, as in `robot.yaml`. Any other
+    file has one formula a line; # begins a comment line.
 
     Args:
         path: the path of the file.
-        constants: that the formulas may name.
-        triggers: that the formulas may name.
+        constants: the constants that the formulas may name.
+        triggers: the triggers that the formulas may name.
         is_checked: True to check the formulas in lines, too.
 
     Raises:
@@ -97,8 +97,8 @@ def formulas_of(
 
     Args:
         lists: the lists of formulas.
-        constants: that the formulas may name.
-        triggers: that the formulas may name.
+        constants: the constants that the formulas may name.
+        triggers: the triggers that the formulas may name.
         within: the files, resolved, that name the files of the lists.
 
     Raises:

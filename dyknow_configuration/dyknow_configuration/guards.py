@@ -61,8 +61,8 @@ def read_guards(
 
     Args:
         value: the list.
-        formulas: the file's, which guards may name.
-        constants: that the formulas of guards may name, too.
+        formulas: the formulas of the file, which guards may name.
+        constants: the constants that the formulas of guards may name, too.
 
     Raises:
         ConfigurationError: with the place of the fault, also inside of a formula.

@@ -190,7 +190,7 @@ def is_parameter_file(document: YamlValue) -> bool:
 
 
 def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
-    """Yield the parameters that their nodes do not have, and so ignore, and those they refuse.
+    """Yield the parameters that nodes ignore, as they do not have them, or that nodes refuse.
 
     Args:
         document: a robot.yaml, whose values are checked where it is read, or a file of parameters

@@ -75,13 +75,13 @@ def read_positions(
     """Return the streams of the distances of objects to the regions of their frame.
 
     Args:
-        values: by key.
-        vocabulary: with the objects.
-        regions: with their places.
+        values: the values by key.
+        vocabulary: the vocabulary, with the objects.
+        regions: the regions with their places.
 
     Raises:
         ConfigurationError: with the place of the fault; if a region is in a frame in which no
-            object has a position, or headings are in several frames, or walls are in another one.
+            object has a position, or headings or walls are not in one frame.
     """
     if 'positions' not in values:
         return PositionTexts(map=_map_of(regions, ()))
@@ -398,7 +398,7 @@ class _PositionSource:
 
 
 def _axes(value: YamlValue | None, frame: str) -> tuple[str, str, str]:
-    """Return the fields of x, y and z: those of a NavSatFix for positions in degrees."""
+    """Return the fields of x, y and z; for positions in degrees, the fields of a NavSatFix."""
     if value is None:
         return ('longitude', 'latitude', 'altitude') if frame == WGS84 else ('x', 'y', 'z')
     names = [each.text('a field').strip() for each in value.one_or_more()]

@@ -97,9 +97,9 @@ def read_robot(
 
     Args:
         path: the file.
-        objects: of sorts, in the place of those that the file lists.
-        calibrated: False to leave the tables of forecasts unread, and triggers and guards
-            unchecked that need them: they are about to be written.
+        objects: the objects of sorts; they replace the objects that the file lists.
+        calibrated: False to leave the tables of forecasts unread, as they are about to be written;
+            triggers and guards that need them are not checked.
 
     Raises:
         ConfigurationError: naming the file, the place and the correction.

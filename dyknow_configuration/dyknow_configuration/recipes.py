@@ -1,7 +1,7 @@
 """The recipes of recipes.yaml beside this module, and their insertion into a robot.yaml.
 
 Constants, features and streams are written once for all recipes, as in a robot.yaml; a recipe takes
-those that its formula names. An insertion keeps the comments and the layout of the file.
+the ones that its formula names. An insertion keeps the comments and the layout of the file.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _MADE: Final = re.compile(r'\bsink ([\w{}]+)|\bcompunit \w+: \w+ (\w+\()')
 
 _WORD: Final = re.compile(r'[A-Za-z_]\w*', re.ASCII)
 _Edit = tuple[tuple[int, int], int, str]
-"""What is replaced: where it begins, a rank among those that begin there, its end, and by what."""
+"""A replacement: its begin, its rank among edits with the same begin, its end, and the new text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class Recipe:
         satisfied: a trace that it holds for, in CSV.
         violated: a trace that it is false for.
         violated_at: when it is false, in nanoseconds.
-        topics: that it needs, with their types.
+        topics: the topics that it needs, with their types.
         parts: the parts of a robot.yaml.
     """
 
@@ -178,9 +178,9 @@ def _recipe(value: YamlValue, library: list[RobotPart], types: Mapping[str, str]
 
 
 def _named(formula: str, library: Iterable[RobotPart]) -> list[RobotPart]:
-    """Return the parts that a formula names, and those that these name."""
+    """Return the parts that a formula names, and the parts that these parts name."""
     found = [each for each in library if each.name in _WORD.findall(formula)]
-    for _ in range(2):  # A feature names a stream, and this one a computational unit.
+    for _ in range(2):  # A feature names a stream, and the stream a computational unit.
         text = '\n'.join(each.text for each in found)
         found = [
             each
@@ -202,9 +202,9 @@ class AddedRecipe:
     """A robot.yaml with a recipe.
 
     Args:
-        text: of the file.
+        text: the text of the file.
         added: the parts of the recipe that are new.
-        kept: those that the file had already, perhaps with other values.
+        kept: the parts that the file had already, perhaps with other values.
     """
 
     text: str
@@ -217,8 +217,8 @@ def add_recipe(path: Path, text: str, recipe: Recipe) -> AddedRecipe:
 
     Args:
         path: the path of the file, for messages.
-        text: of the file; may be empty.
-        recipe: to add.
+        text: the text of the file; may be empty.
+        recipe: the recipe to add.
 
     Raises:
         ConfigurationError: if the file is at fault, has the formula (ALREADY_EXISTS), has a feature

@@ -9,8 +9,8 @@
       storm: {is: Storm, frame: map, topic: /storm_cell, max_gap: 30 s}
 
 A file may hold several regions, which have their own names. A topic of PolygonStamped is a region
-that moves. The relations of the others are computed; those of objects that are not drawn may be
-told:
+that moves. The relations of other drawn regions are computed; the relations of objects that are not
+drawn may be told:
 
     relations: [kitchen NTPP flat, 'hall {EC, DC} flat']
 """
@@ -172,8 +172,8 @@ def read_relations(
     """Return what is known of the relations of regions, drawn or told, by the first of each two.
 
     Args:
-        values: by key.
-        regions: those that are drawn.
+        values: the values by key.
+        regions: the drawn regions.
         objects: the names of all objects; regions that are not drawn are among them.
 
     Raises:

@@ -43,8 +43,8 @@ class RequestedFormula:
     """A formula to evaluate.
 
     Args:
-        text: in the formula language.
-        name: for people; empty for its text.
+        text: the text in the formula language.
+        name: the name, for people; empty for its text.
         description: what it says, for people.
         severity: the severity of its violation.
         constants: the values of names that the text does not define.
@@ -66,7 +66,7 @@ class RequestedFormula:
 
     @property
     def closed_text(self) -> str:
-        """The text with those constants of the file that it may name."""
+        """The text with the constants of the file that it may name."""
         words = {*re.findall(r'\w+', self.text)}
         stated = ', '.join(f'{name} = {value}' for name, value in self.constants if name in words)
         return f'let {stated} in {self.text}' if stated else self.text
@@ -89,13 +89,13 @@ class RequestedGuard:
     Args:
         name: the name of the guard and its node.
         input: the topic of the messages.
-        output: the topic on which it passes them on.
-        formulas: all must hold.
-        message_type: of both topics; empty: as the publishers of the input have it.
-        safe: the fields of the message that is sent instead, those that are not zero; None: none.
-        period: between two safe messages while no message comes, in nanoseconds.
+        output: the topic on which it passes the messages on.
+        formulas: the formulas; all must hold.
+        message_type: the type of both topics; empty: the type of the input's publishers.
+        safe: the nonzero fields of the message that is sent instead; None: no message is sent.
+        period: the time between two safe messages while no message comes, in nanoseconds.
         latch: True if a guard that has closed stays closed until it is reset.
-        timeout: without states, or without a sign of life of DyKnow, in nanoseconds.
+        timeout: the longest time without states, or a sign of life of DyKnow, in nanoseconds.
         place: the place of the guard in its file.
     """
 
@@ -162,7 +162,7 @@ class RobotSort:
         name: its name.
         below: the sort that contains it; empty for none.
         description: for people.
-        objects: those listed for it, not for sorts below it.
+        objects: the objects listed for it, not for sorts below it.
     """
 
     name: str
@@ -182,9 +182,9 @@ class RobotFeature:
         value_type: the value type of its values.
         unit: the unit of its values; empty for none.
         description: for people.
-        unknown: if it may be unknown at a state, the least and the greatest value that it may be
-            then; infinite for one without bounds.
-        uncertainty: what is known of its values, `normal(Height, 0.2)`; empty if they are exact.
+        unknown: if it may be unknown at a state, the least and the greatest value that it may have
+            then; infinite for a feature without bounds.
+        uncertainty: the stated error of its values, `normal(Height, 0.2)`; empty if exact.
     """
 
     name: str
@@ -228,16 +228,16 @@ class FeatureForecast:
     Args:
         feature: the name of the feature.
         by: the computational unit that makes it.
-        horizons: for which `soon` may ask, in nanoseconds, in ascending order.
-        step: between the times of the forecast, in nanoseconds; divides all horizons.
+        horizons: the horizons that `soon` may ask for, in nanoseconds, in ascending order.
+        step: the time between the times of the forecast, in nanoseconds; divides all horizons.
         inputs: the fields of the message, by the inputs of the unit, as they are written.
         settings: the settings of the unit.
         table: the file of its calibration; None if none is named.
         unit: the unit of the values in the message; empty for none.
         sources: the topics; none if it is made of a stream.
-        widening: of its half-width at each time from now to the last horizon, in `unit`; empty if
-            it is not calibrated.
-        coverage: what the widening promises, as the text of a `Coverage`; empty if not known.
+        widening: the widening of its half-width at each time from now to the last horizon, in
+            `unit`; empty if it is not calibrated.
+        coverage: the promise of the widening, as the text of a `Coverage`; empty if not known.
     """
 
     feature: str
@@ -271,8 +271,8 @@ class RobotVocabulary:
     """The sorts and features of a robot.
 
     Args:
-        sorts: by name; each is below an earlier one.
-        features: by name; each is below an earlier one.
+        sorts: the sorts by name; each is below an earlier one.
+        features: the features by name; each is below an earlier one.
     """
 
     def __init__(self, sorts: Iterable[RobotSort], features: Iterable[RobotFeature]) -> None:
@@ -318,10 +318,10 @@ class RobotMap:
     """The regions of a robot, and the streams that tell where its objects are.
 
     Args:
-        frame: the frame of the map: that of the first region; empty without regions.
-        regions: that stand still, of all frames, in the order of the file.
+        frame: the frame of the map, which is the first region's; empty without regions.
+        regions: the regions that stand still, in all frames, in the order of the file.
         positions: the text of the stream of `x` and `y` of each object, in this frame alone.
-        outlines: that of the `outline` of each region that moves.
+        outlines: the text of the stream of the `outline` of each region that moves.
     """
 
     frame: str = ''
@@ -345,19 +345,19 @@ class RobotConfiguration:
     Args:
         ontologies: in OWL.
         annotations: in SSL.
-        streams: in the stream language.
+        streams: the streams, in the stream language.
         bridges: rules between the ontologies.
-        domains: the objects of sorts for recordings, which take precedence over those of the
+        domains: the objects of sorts for recordings; they take precedence over the objects in the
             ontologies.
-        formulas: to monitor.
+        formulas: the formulas to monitor.
         parameters: the parameters of nodes, by the names of nodes and parameters.
         guards: the guards of topics.
         units: the units of features, by name.
-        topics: what is expected of them.
-        federation: with other hosts; None: this host has no peers.
+        topics: the expectations about topics.
+        federation: the federation with other hosts; None: this host has no peers.
         forecasts: the forecasts of features.
         map: the map of its regions.
-        triggers: that have names, whether a formula names them or not.
+        triggers: the triggers with names, whether a formula names them or not.
     """
 
     ontologies: tuple[TextSource, ...] = ()

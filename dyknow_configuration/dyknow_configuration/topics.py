@@ -6,7 +6,7 @@
         unit: m/s
         from: {topic: '/{r}/odom', field: twist.twist.linear.x, max_delay: 500 ms}
 
-For the objects rover1 and rover2, this makes two annotations, the first of which is
+For the objects rover1 and rover2, this makes two annotations. The first annotation is
 
     stream "/rover1/odom" contains Speed[rover1] = twist.twist.linear.x with max_delay = 500 ms;
 """
@@ -55,7 +55,7 @@ def read_topics(
         feature: the feature.
         value: the value of the key.
         vocabulary: the vocabulary of the robot.
-        uncertainty: for the uncertainty of a feature that this is about, the field that holds it.
+        uncertainty: if this is about the uncertainty of a feature, the field that holds it.
         unless: the condition of messages in which the value is unknown.
 
     Raises:

@@ -97,7 +97,7 @@ class Trigger:
     """An action with its limits.
 
     Args:
-        name: for people: in its file, or else what it does.
+        name: the name for people: from its file, or else what it does.
         kind: the kind of the action.
         target: the topic, the service, the action, or the command that is run.
         type_name: the type name of the message, the service or the action; empty if none is needed.
@@ -106,8 +106,8 @@ class Trigger:
         min_interval: after an event, further ones are ignored for this time, in nanoseconds.
         retries: the number of attempts after a failed one.
         timeout: the time limit of each attempt, in nanoseconds.
-        placeholders: those in the content.
-        places: where it is written.
+        placeholders: the placeholders in the content.
+        places: where the trigger is written.
     """
 
     name: str

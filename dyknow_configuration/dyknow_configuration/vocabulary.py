@@ -88,8 +88,8 @@ def read_vocabulary(
     """Return the sorts and features of a robot.yaml.
 
     Args:
-        values: by key.
-        regions: which are objects of their sorts, and of Region.
+        values: the values by key.
+        regions: the regions; they are objects of their sorts, and of Region.
 
     Raises:
         ConfigurationError: with the place of the fault.

@@ -97,7 +97,7 @@ class YamlValue:
 
     Args:
         document: the document.
-        node: of PyYAML.
+        node: the node of PyYAML.
     """
 
     document: YamlDocument

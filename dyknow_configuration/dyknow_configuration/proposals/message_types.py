@@ -25,8 +25,8 @@ class FeatureProposal:
         field: its path, with `{}` for a number or a name if there is an object for each element.
         unit: the unit of the values; empty for none.
         description: for people.
-        formula: that can be expected of it; `{feature}` stands for the feature, `{magnitude}` and
-            `{least}` for bounds that are derived from the values seen. Empty if none is plausible.
+        formula: a formula that can be expected to hold; `{feature}` stands for the feature,
+            `{magnitude}` and `{least}` for bounds from the values seen. Empty if none is plausible.
         value_type: the value type of the values.
         elements: the parallel array of names; empty if the field is a single value.
         element_sort: the sort of what these names name.

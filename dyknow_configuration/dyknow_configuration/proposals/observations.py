@@ -16,7 +16,7 @@ from dyknow_configuration.proposals.message_types import proposals_of
 from dyknow_configuration.proposals.timing import TopicTimes
 
 MAX_MESSAGES: Final = 1_000_000
-"""The number of messages of a topic that are measured, the first of those observed."""
+"""The number of messages of a topic that are measured: the first observed messages."""
 
 MAX_TEXTS_SEEN: Final = 100
 """The number of different texts in a field that are kept."""
@@ -75,14 +75,14 @@ class ObservedTopic:
     """A topic and its messages in some time.
 
     Args:
-        name: absolute.
+        name: the absolute name.
         message_type: such as `nav_msgs/msg/Odometry`.
-        fields: of the messages with their types, see `dyknow_common.field_paths`; None if they are
-            not known.
+        fields: the fields of the messages with their types, see `dyknow_common.field_paths`; None
+            if they are not known.
         times: the times of the messages.
-        values: of fields that were read, by their paths.
-        publishers: their number; None if it is unknown, as in a recording.
-        absent: the fields that were to be read and that no message had, with the reasons.
+        values: the values of the fields that were read, by their paths.
+        publishers: the number of publishers; None if it is unknown, as in a recording.
+        absent: the requested fields that no message had, with the reasons.
     """
 
     name: str
@@ -102,7 +102,7 @@ class ObservedTopic:
 def fields_of_interest(
     message_type: str, fields: Mapping[str, ValueType] | None
 ) -> tuple[str, ...]:
-    """Return the fields, among those of a message type, whose values proposals are made from."""
+    """Return the fields of a message type whose values proposals are made from."""
     proposals = proposals_of(message_type, fields)
     found = dict.fromkeys(path for each in proposals for path in each.read_fields)
     has_frame = FRAME in (fields or ()) and any(map(is_coordinate, found))

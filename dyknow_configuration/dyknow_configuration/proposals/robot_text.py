@@ -104,15 +104,15 @@ class FeatureDraft:
     Args:
         name: the name of the feature.
         proposal: the proposal of its type.
-        topics: that carry it.
-        topic: their name, with a variable for the robot.
-        field: with a variable for the element, if there is one.
+        topics: the topics that carry it.
+        topic: the name of the topics, with a variable for the robot.
+        field: the field, with a variable for the element, if there is one.
         domains: the sort of each variable.
-        robots: those that have the topic, if other robots have it not; else empty.
-        timing: that all topics keep.
+        robots: the robots that have the topic, if other robots lack it; else empty.
+        timing: the timing that all topics keep.
         seen: the values in all topics.
-        formula: that all topics keep, without quantifiers; empty if there is none.
-        reason: why it is not used; empty if it is.
+        formula: a formula that all topics satisfy, without quantifiers; empty if there is none.
+        reason: why the feature is not used; empty if it is used.
     """
 
     name: str
@@ -480,7 +480,7 @@ def _action_formulas(topics: Iterable[ObservedTopic]) -> Iterator[str]:
 
 
 def _response(cause: FeatureDraft, effect: FeatureDraft) -> str:
-    """Return a formula: the one of the effect holds soon after the one of the cause does not."""
+    """Return a formula: soon after the cause's formula fails, the effect's formula holds."""
     beginning, _, expected = cause.ground_formula.partition('always ')
     result = effect.ground_formula.partition('always ')[2]
     return f'{beginning}always (not ({expected}) -> eventually[0 s, 5 s] {result})'

@@ -115,10 +115,10 @@ class TopicTiming:
 
     Args:
         count: the number of messages.
-        duration: from the first to the last valid time.
+        duration: the time from the first to the last valid time.
         interval: the median of the distances of consecutive valid times; None for one message.
-        least_interval: the shortest of them.
-        greatest_interval: the longest of them.
+        least_interval: the shortest of the distances.
+        greatest_interval: the longest of the distances.
         jitter: their standard deviation.
         delays: the median, the percentiles 95 and 99 and the greatest of the times from stamp to
             receipt; None without stamps.
@@ -171,7 +171,7 @@ class ProposedTiming:
     """Constraints that topics keep, and the reasons for constraints that are not proposed.
 
     Args:
-        constraints: with a margin.
+        constraints: the constraints, with a margin.
         remarks: sentences about what could not be proposed.
     """
 
