@@ -19,7 +19,7 @@ class BlackBoxOptions:
     """A black box of a formula.
 
     Args:
-        topics: to record; empty: the topics that its states are made from, and its verdicts.
+        topics: the topics to record; empty: its verdicts and the topics of its states.
         before: the time before a failure that is recorded, nanoseconds.
         after: the time after it.
 

@@ -187,9 +187,9 @@ def with_readable_times(text: str, start: int | None = None, *, now: int | None 
     """Return a text for people with its times as offsets from a start on the same clock.
 
     Args:
-        text: such as an explanation, with times as from `format_time`.
-        start: in nanoseconds; None if unknown: then times are on the clock, as are those of
-            another clock, such as simulated ones, which are more than MAX_OFFSET_NS away.
+        text: a text, such as an explanation, with times as from `format_time`.
+        start: the start in nanoseconds; None if unknown. Times on the clock are shown without a
+            start, or more than MAX_OFFSET_NS from it, as for a time on another (simulated) clock.
         now: if it is given, times on the clock that are a day or more away have a date.
     """
 
@@ -208,7 +208,7 @@ def with_changed_times(text: str, change: Callable[[int], int]) -> str:
     """Return a text for people with other times.
 
     Args:
-        text: with times as from `format_time`; those before UNIX_TIMES stay as they are.
+        text: a text with times as from `format_time`; times before UNIX_TIMES stay as they are.
         change: returns the new time of a time, in nanoseconds.
     """
     return _UNIX_TIME.sub(lambda found: format_time(change(_nanoseconds(found))), text)

@@ -55,13 +55,13 @@ def exit_code(number: int) -> ExitCode:
 
 
 def shortened(text: object, most: int = _MAX_QUOTED) -> str:
-    """Return a text for a message: its beginning and end, if it has more characters than that."""
+    """Return a text for a message; beyond `most` characters, only its beginning and its end."""
     found, half = str(text), most // 2
     return found if len(found) <= most else f'{found[:half]}…{found[-half:]}'
 
 
 def printable(text: str) -> str:
-    """Return a text that a message has, for people: with control characters as in JSON."""
+    """Return a text from a message for people, with control characters escaped as in JSON."""
     return _CONTROL.sub(_escaped, text)
 
 

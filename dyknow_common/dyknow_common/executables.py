@@ -112,7 +112,7 @@ def describe(
     Args:
         parser: the parser of the command.
         description: what it does, as a sentence.
-        examples: of command lines.
+        examples: examples of command lines.
         exit_codes: what 0, 1 and 2 mean.
     """
     parser.description = fill(description, _HELP_WIDTH)

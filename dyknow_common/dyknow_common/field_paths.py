@@ -68,8 +68,8 @@ class ListedArray(NamedTuple):
     """The entry of a path through arrays.
 
     Args:
-        entry: as it is listed.
-        lasts: for each step, the last index of its array; None if it is no array.
+        entry: the entry as it is listed.
+        lasts: for each step, the last index of its array; None if it is not an array.
     """
 
     entry: str

@@ -75,7 +75,7 @@ _CONDITION: Final = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class ArraySlice:
-    """The elements of an array from `start` on, up to the one before `stop`; None is the end."""
+    """The elements of an array from `start` up to, but not including, `stop`; None is the end."""
 
     start: int
     stop: int | None
@@ -184,8 +184,8 @@ class ComputedField:
     """A function of the values at a path, `count(ranges < 0.3)`.
 
     Args:
-        function: of many values, or of one.
-        path: to the values.
+        function: a function of many values, or of one.
+        path: the path to the values.
         condition: the condition of each value.
         others: further conditions, of values at other paths that belong to the same elements.
     """

@@ -1,6 +1,6 @@
 """Constants of message types by name: `NavSatStatus.STATUS_NO_FIX`.
 
-The types are those of the workspaces that are sourced, as their `.msg` files define them. A type
+The types come from the `.msg` files of the sourced workspaces. A type
 may be named with its package, `action_msgs/msg/GoalStatus.STATUS_ABORTED`; it must be if several
 packages have a type of that name, unless all give the constant the same value.
 """
@@ -78,7 +78,7 @@ def message_constant(name: str, types: TypeConstants | None = None) -> Value | N
 def _check_meaning(
     name: str, constant: str, values: Mapping[str, Value], others: AbstractSet[str]
 ) -> None:
-    """Raise DyKnowError for a constant that may be that of another type of the name.
+    """Raise DyKnowError for a constant that may belong to another type of the same name.
 
     For example, ABORTED is 4 for actionlib_msgs/msg/GoalStatus, where action_msgs/msg/GoalStatus
     calls another state 4, and has no ABORTED.

@@ -73,7 +73,7 @@ class Symbol:
     Args:
         kind: feature, sort or object.
         name: its name; of a syntactic reference, the canonical text, `uav1_power.power`.
-        arguments: of a feature: for each, an object or the sort that its variable ranges over.
+        arguments: for a feature, its objects, and for variables, the sorts they range over.
     """
 
     kind: SymbolKind

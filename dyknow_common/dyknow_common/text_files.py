@@ -54,7 +54,7 @@ def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Itera
         error_class: the error class of the errors.
 
     Raises:
-        DyKnowError: of that class, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
+        DyKnowError: an `error_class`, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
     """
     with _errors_of(path, content, error_class), path.open(encoding='utf-8-sig') as file:
         yield _lines(
@@ -130,7 +130,7 @@ def read_file(
     """Return the parsed text of a file.
 
     Raises:
-        DyKnowError: of the given class, as for `open_text`, or with the error of the parser.
+        DyKnowError: an `error_class`, as for `open_text`, or with the error of the parser.
     """
     text = read_text(path, content, error_class)
     try:

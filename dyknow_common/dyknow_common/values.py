@@ -59,7 +59,7 @@ class Alternatives(str):
     all of its values.
 
     Args:
-        text: that of another one, as in messages.
+        text: the text of an `Alternatives`, as in messages.
 
     Raises:
         ValueError: for another text.
@@ -152,7 +152,7 @@ def choices(fields: Mapping[_Key, Value], *, ends: bool = False) -> list[dict[_K
 
     Args:
         fields: the fields.
-        ends: of intervals, take the ends for all numbers between.
+        ends: True if the ends of intervals may stand for all numbers between them.
 
     Raises:
         ValueError: for more than `MAX_ALTERNATIVES`; for an interval, if its ends do not suffice.

@@ -114,13 +114,13 @@ class ViolationEpisode:
     """Consecutive start states: a formula is false from each of them.
 
     Args:
-        begin: valid time of the first of these states, in nanoseconds.
-        end: valid time of the last one so far.
-        decided_at: valid time of the state that decided the formula of the first one.
-        states: how many there are.
-        has_ended: True if the formula holds again after the last one.
-        explanation: the reason for the verdict on the first one, for people.
-        worst: the least margin from one of these states; None if margins were not asked for.
+        begin: the valid time of the first state, in nanoseconds.
+        end: the valid time of the last state so far.
+        decided_at: the valid time of the state that decided the formula from the first state on.
+        states: the number of states.
+        has_ended: True if the formula holds again after the last state.
+        explanation: the reason for the verdict from the first state on, for people.
+        worst: the least margin from one of the states; None if margins were not asked for.
     """
 
     begin: int
@@ -148,10 +148,11 @@ class StandingVerdicts:
     """Verdicts on a formula that is asked at every state.
 
     Args:
-        holds: the number of states from which it is true.
-        fails: from which it is false.
-        undecided: from which it is undecided yet.
-        unknown: from which no state decides it any more: states are missing, or values are unknown.
+        holds: the number of states from which the formula is true.
+        fails: the number of states from which it is false.
+        undecided: the number of states from which it is not decided yet.
+        unknown: the number of states from which nothing can decide it any more, because states are
+            missing or values are unknown.
         is_violated: True if an episode has not ended.
         episode_count: the number of episodes.
         latest_episodes: the last ten, the latest last.
@@ -195,7 +196,7 @@ class StandingVerdicts:
         return bool(self.holds or self.fails)
 
     def known_after(self, before: StandingVerdicts) -> StandingVerdicts:
-        """Return these, or those before while nothing is known, as an episode outlasts restarts."""
+        """Return these, or the former ones while nothing is known: episodes outlast restarts."""
         return self if self.is_known else before
 
     def _has_restarted(self, before: StandingVerdicts) -> bool:
@@ -220,9 +221,9 @@ class StandingVerdicts:
     def changes(self, before: StandingVerdicts) -> Iterator[tuple[ViolationEpisode, bool]]:
         """Yield the episodes that have begun or ended since earlier verdicts, in their order.
 
-        An episode comes with False for its begin, and with True for its end. Of more than ten
-        episodes since then, the last ten are known. A formula that restarts with other objects
-        counts its episodes from 0; if it then holds, the one before has ended.
+        An episode comes with False for its begin, and with True for its end. If there were more
+        than ten episodes since then, only the last ten are known. A formula that restarts with
+        other objects counts its episodes from 0; if it then holds, the former episode has ended.
         """
         if not self.is_known:
             return

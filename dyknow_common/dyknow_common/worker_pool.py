@@ -89,7 +89,7 @@ class WorkerPool:
             limit_s: the seconds after which it is killed; None for any time.
 
         Raises:
-            DyKnowError: of the function.
+            DyKnowError: from the function.
             TimeoutError: if it takes too long.
             MemoryError: if it needs too much memory.
             RecursionError: if it needs too deep a stack.

@@ -83,8 +83,8 @@ class Language:
         name: the kind of text in messages.
         package: the Python package that holds the grammar.
         grammar: the name of the `.lark` file in that package.
-        spellings: the names of terminals in messages, `{'UNIT': 'a unit'}`, beside those that
-            several languages have.
+        spellings: the names of terminals in messages, `{'UNIT': 'a unit'}`, besides the names that
+            several languages share.
         start: the rule of a whole text.
         corrections: what is meant by mistakes, `{'&&': 'and'}`, for messages.
         advice: what to write instead of mistakes that are more than a word.
@@ -294,7 +294,7 @@ def correction(
 
     Args:
         text: the text with the error.
-        offset: of what was unexpected; the mistake stands there, or before it as in `alway p`.
+        offset: the offset of the unexpected part; the mistake may be earlier, as in `alway p`.
         corrections: what is meant, by mistake. Words close to what is meant are mistakes too.
         advice: what to write instead of mistakes that are more than a word. The keys are regular
             expressions of mistakes, and the values may refer to their groups.

@@ -109,7 +109,7 @@ class CommandNode:
         Args:
             service_type: the service type of the service, whose name follows from it.
             node: its name, relative to the namespace of the command or absolute.
-            timeout_ns: to wait for the response.
+            timeout_ns: the time to wait for the response.
             fields: the fields of the request.
 
         Raises:

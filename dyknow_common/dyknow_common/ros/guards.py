@@ -78,13 +78,13 @@ def create_guarded_subscription(
     """Create a subscription with a `MessageGuard`, by default without event handlers.
 
     Args:
-        node: that subscribes.
+        node: the node that subscribes.
         msg_type: the message class.
         topic: its name.
         callback: receives each message, with its info if it takes two arguments.
         qos_profile: the quality of service.
         refusal: decides whose messages are taken; None: all.
-        options: of rclpy.
+        options: the options of rclpy.
     """
     guard: Any = callback
     if not isinstance(callback, MessageGuard):
@@ -101,9 +101,9 @@ class MessageGuard:
     """The callback of a subscription, which calls another one for the messages to be used.
 
     Args:
-        node: that subscribes; if it has a method `reject`, that receives topic and reason of each
-            message that is dropped, otherwise they are logged.
-        topic: absolute.
+        node: the node that subscribes. If it has a method `reject`, this receives the topic and the
+            reason of each dropped message; otherwise they are logged.
+        topic: the absolute topic.
         callback: receives each message, with its info if it takes two arguments.
         refusal: decides whose messages are taken; None: all.
         is_copy: returns True for a message that has already been received in another way: it is no

@@ -160,8 +160,8 @@ class TopicOwner(_Publishers):
     """The node that publishes a topic: the first one, as long as it is alive and publishes it.
 
     Args:
-        heartbeats: that the node receives which reads the topic.
-        topic: absolute.
+        heartbeats: the heartbeats that the reading node receives.
+        topic: the absolute topic.
     """
 
     def __init__(self, heartbeats: Heartbeats, topic: str) -> None:
@@ -201,8 +201,8 @@ class PublisherWatch(_Publishers):
     ROS graph.
 
     Args:
-        heartbeats: that the watching node receives.
-        topic: absolute.
+        heartbeats: the heartbeats that the watching node receives.
+        topic: the absolute topic.
         on_lost: called when no publisher is alive any more, and when one was restarted.
     """
 

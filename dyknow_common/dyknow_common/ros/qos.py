@@ -16,7 +16,7 @@ HEARTBEAT_PERIOD_S: Final = 0.5
 """The time between two heartbeats of a node."""
 
 PULSE_PERIOD_S: Final = 0.05
-"""The time between two pulses of a node, which it publishes while another one listens."""
+"""The time between two pulses of a node; it publishes them while another node listens."""
 
 
 def _latched(depth: int) -> QoSProfile:
@@ -46,7 +46,7 @@ STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Samples; none is lost between two nodes."""
 
 REPORTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Reports on all formulas of a node, which it publishes at once."""
+"""Reports on all formulas of a node; the node publishes them all at once."""
 
 # With the default depth of 10, many requests at once are dropped without an error.
 SERVICE = QoSProfile(

@@ -136,7 +136,7 @@ def add_report_options(parser: argparse.ArgumentParser, node: str, role: str) ->
     Args:
         parser: the parser of the command.
         node: the default node.
-        role: that node, in words.
+        role: the role of that node, in words.
     """
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each report')
     add_utc_option(parser)

@@ -130,14 +130,14 @@ class DirectSubscription:
     Of a latched topic, it may miss messages that its process published before it was created.
 
     Args:
-        node: that subscribes.
+        node: the node that subscribes.
         msg_type: the message class.
         topic: its name.
-        callback: receives each message with its info; one from this process is the object that was
-            published, which it must not change.
+        callback: receives each message with its info. A message from this process is the published
+            object itself; the callback must not change it.
         qos_profile: the quality of service; its depth is the number of messages that may wait.
         refusal: decides whose messages are taken.
-        options: of rclpy.
+        options: the options of rclpy.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class DirectSubscription:
         is_latched = qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
         self._latest: deque[Any] = deque(maxlen=_MAX_COMPARED if is_latched else 0)
         self._guard = MessageGuard(node, name, self._pass_on, refusal, self._is_copy)
-        # Before the middleware has it: a publisher must not take it for one of another process.
+        # Added before it exists in the middleware: else a publisher may take it for a foreign one.
         if has_senders():
             _SUBSCRIPTIONS.add(self)
         try:
@@ -225,7 +225,7 @@ class DirectPublisher:
     """A publisher that gives messages to the subscriptions in its process directly.
 
     Args:
-        node: that publishes.
+        node: the node that publishes.
         msg_type: the message class.
         topic: its name.
         qos_profile: the quality of service.
