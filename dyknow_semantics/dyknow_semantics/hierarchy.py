@@ -27,7 +27,7 @@ _MAX_OBJECTS: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class HierarchyEntry:
-    """A concept with those equivalent to it.
+    """A concept with its equivalent concepts.
 
     Args:
         kind: `sort` or `feature`.
@@ -96,7 +96,7 @@ def explanation_tree(concept: str, found: Sequence[Explanation]) -> Tree:
 
 
 def _equivalents(name: str, knowledge: Knowledge) -> list[str]:
-    """Return a concept and those equivalent to it, sorted."""
+    """Return a concept and its equivalent concepts, sorted."""
     return [each for each in knowledge.subconcepts(name) if name in knowledge.subconcepts(each)]
 
 

@@ -134,7 +134,7 @@ class Annotation:
         contents: the features of its fields.
         ranges: the variables of the features, for a stream that carries many objects.
         keys: for each variable, the field that names its object.
-        constraints: that the samples of each ground feature keep.
+        constraints: the constraints that the samples of each ground feature keep.
         elements: the array of a message whose elements become samples.
         is_topic: True for the name of a topic, quoted in the text.
         text: the parsed text, for error messages.

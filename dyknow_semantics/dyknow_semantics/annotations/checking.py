@@ -131,7 +131,7 @@ class _AnnotationChecker:
                 )
 
     def check_unit(self, content: Content, feature: FeatureSignature) -> None:
-        """Check that the unit of a field converts to the one of its feature."""
+        """Check that the unit of a field converts to the unit of its feature."""
         if content.unit is None or content.unit == feature.unit:
             return
         with self._at(content.unit_position):
@@ -187,9 +187,9 @@ def check_fields(
         fields: the type of each field.
 
     Raises:
-        LanguageError: with the position, for a missing field, a field whose type is not that of its
-            feature (a float feature may have an int field), and a field that names objects but is
-            not a string.
+        LanguageError: with the position, for a missing field, for a field whose type differs from
+            the type of its feature (except an int field of a float feature), and for a field that
+            names objects but is not a string.
     """
     checker = _FieldChecker(annotation, owner, fields)
     for content in annotation.contents:
@@ -231,7 +231,7 @@ class _FieldChecker:
                 raise self._error(message + value_text(condition.value), position)
 
     def check_key(self, key: Key) -> None:
-        """Check that a field holds the names of objects, or numbers that are parts of these."""
+        """Check that a field holds the names of objects, or numbers that are parts of the names."""
         field, *_ = key.parts
         found = self._type_of(field, key.position)
         if found is ValueType.STRING or (found is ValueType.INT and field != key.field):
@@ -284,7 +284,7 @@ class AnnotationFaults:
     """The faults of all annotations.
 
     Args:
-        messages: for people, with the file, the line and the place if they are known.
+        messages: the messages for people, with the file, line and place if known.
         field_faults: why streams do not fit their annotations, by canonical text.
     """
 
@@ -301,10 +301,10 @@ def check_annotations(
     """Check all annotations.
 
     Args:
-        annotations: by canonical text, as all other arguments.
+        annotations: the annotations by canonical text, as all other arguments.
         fields: the fields of the streams whose fields are known.
         knowledge: the ontology.
-        origins: of those annotations that were read from files.
+        origins: the origins of annotations that were read from files.
     """
     messages: list[str] = []
     field_faults: dict[str, str] = {}

@@ -7,8 +7,8 @@ of the sort `UAV`. The streams have the annotations
     stream "/fleet" contains Altitude[u] = z for every u in UAV where u = id;
 
 The concept `Altitude[u] for every u in UAV` stands for the ground features `Altitude[uav1]` and
-`Altitude[uav2]`. The answer has a stream for each ground feature of each annotated field, those of
-the feature itself first:
+`Altitude[uav2]`. The answer has a stream for each ground feature of each annotated field. Streams
+of the feature itself come first:
 
     select z as "Altitude[uav1]" from "/fleet" where id = "uav1"
     select z as "Altitude[uav2]" from "/fleet" where id = "uav2"
@@ -96,7 +96,7 @@ class Matcher:
         """Replace all annotations.
 
         Args:
-            annotations: by canonical text.
+            annotations: the annotations by canonical text.
             faults: why streams do not fit their annotations, by canonical text.
         """
         faults = faults or {}
@@ -149,8 +149,8 @@ class Matcher:
     def match(self, concept: Concept, max_matches: int = MAX_MATCHES) -> tuple[Match, ...]:
         """Return the streams that carry a concept.
 
-        There is one for each ground feature of each annotated field. Exact matches are first, then
-        those with the shorter sample period, then with the shorter delay, then by name.
+        There is one for each ground feature of each annotated field. Exact matches come first, then
+        matches with a shorter sample period, then with a shorter delay, then by name.
 
         Raises:
             SemanticsError: if there are more than `max_matches`.

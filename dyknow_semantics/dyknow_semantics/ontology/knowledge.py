@@ -123,11 +123,11 @@ class Knowledge:
         return self.concept_names.iri(concept) in self._features
 
     def subconcepts(self, concept: str) -> tuple[str, ...]:
-        """Return a concept, those equivalent to it, and all below it."""
+        """Return a concept, its equivalent concepts, and all below it."""
         return self._names_of(self._taxonomy.below(self.concept_names.iri(concept)))
 
     def superconcepts(self, concept: str) -> tuple[str, ...]:
-        """Return a concept, those equivalent to it, and all above it."""
+        """Return a concept, its equivalent concepts, and all above it."""
         return self._names_of(self._taxonomy.above(self.concept_names.iri(concept)))
 
     def instances(self, concept: str) -> tuple[str, ...]:
@@ -267,7 +267,7 @@ class _TripleIndex:
             ):
                 types[subject].add(kind)
         for enumeration, member in self._parts(vocabulary.ONE_OF):
-            # Enumerations of values have members too: those are not instances.
+            # Enumerations of values have members too, but these members are not instances.
             if member in types:
                 types[member].add(enumeration)
         return dict(types)

@@ -72,7 +72,7 @@ class Prefixes:
         return default, *sorted(self._prefixes.get(namespace, set()) - {default})
 
     def namespace(self, prefix: str, namespaces: Iterable[str]) -> str:
-        """Return the namespace with a prefix, one of `namespaces` or of those declared.
+        """Return the namespace with a prefix, from `namespaces` or the declared namespaces.
 
         Raises:
             SemanticsError: if none or several have the prefix.
@@ -120,7 +120,7 @@ class Names:
         """Return the IRI of the only entity with a name.
 
         Raises:
-            SemanticsError: if no entity has it (NOT_FOUND, with similar names), or several do.
+            SemanticsError: if no entity has the name (NOT_FOUND, with similar names), or several.
         """
         iris = self._iris.get(name, ())
         if len(iris) > 1:

@@ -51,7 +51,7 @@ class Ontology:
 
     Args:
         store: the file that keeps the ontology over restarts; `None` keeps nothing.
-        bridges: the rules between the ontologies; those about unknown names wait for these.
+        bridges: the rules between the ontologies; a rule with unknown names waits for the names.
 
     Raises:
         SemanticsError: if the store cannot be opened; from the methods that load or draft, if a
@@ -98,7 +98,7 @@ class Ontology:
         """Add an ontology with its imports that are not loaded yet.
 
         The imports of a file lie beside it, under the last part of their IRI (`uav.owl` for
-        `http://www.dyknow.org/uav`); those of an ontology from the web are downloaded.
+        `http://www.dyknow.org/uav`). The imports of an ontology from the web are downloaded.
         """
         self.add(read_documents(str(path_or_iri), self.ontologies, Access()))
 
@@ -127,7 +127,7 @@ class Ontology:
             self._store.reopen()
 
     def set_entailed(self, entailed: Iterable[Triple], revision: int) -> bool:
-        """Replace the entailed statements by those that a reasoner derived from a revision.
+        """Replace the entailed statements by statements that a reasoner derived from a revision.
 
         Returns:
             False if the ontology has another revision; then nothing is replaced.
@@ -278,7 +278,7 @@ class Ontology:
             )
 
     def _affected(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
-        """Return some concepts and the features with arguments of these sorts."""
+        """Return some concepts, and the features whose arguments have these concepts as sorts."""
         if self.knowledge.name(iri) != split_iri(iri)[1]:
             return ()  # Another entity has the same short name: other names change too.
         features = (

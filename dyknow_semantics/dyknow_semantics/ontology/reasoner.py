@@ -83,7 +83,7 @@ class ReasonerProcess:
         self._reasoner = reasoner
         self._limit_s = limit_s
         self._memory = memory
-        # Java reserves more addresses than it uses memory, so its own option limits its objects.
+        # Java reserves more address space than memory, so an option of Java limits its objects.
         self._pool = WorkerPool(1, is_silent=True)
 
     def stop(self) -> None:

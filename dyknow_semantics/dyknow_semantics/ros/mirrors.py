@@ -67,7 +67,7 @@ def mirror_ontologies(node: DyKnowNode) -> Mirror[Knowledge]:
 
 @dataclass(frozen=True, slots=True)
 class ListedAnnotations:
-    """Annotations by canonical text, and the faults of those that do not fit their streams."""
+    """Annotations by canonical text, and the faults of annotations that do not fit streams."""
 
     annotations: Mapping[str, Annotation]
     faults: Mapping[str, str]

@@ -184,7 +184,7 @@ class Limits:
 
     @classmethod
     def of(cls, node: DyKnowNode, files: Iterable[str]) -> Limits:
-        """Return the limits that the parameters of a node set; `files` are those it loads."""
+        """Return the limits that the parameters of a node set; the node loads `files`."""
         return cls(
             _access(node, files),
             node.parameter(
@@ -260,7 +260,7 @@ class OntologyWork:
         return read_documents(path_or_iri, tuple(known), anywhere)
 
     async def read(self, request: Any, known: Iterable[str]) -> tuple[Document, ...]:
-        """Return the document in an OntologyLoad request, or those at its path or address."""
+        """Return the document in an OntologyLoad request, or the documents at its path or IRI."""
         place = 'the content' if request.content else f"'{shortened(request.path_or_iri)}'"
         given = (request.content, request.format) if request.content else (request.path_or_iri,)
         work = Work(

@@ -20,8 +20,8 @@ class Access:
 
     Args:
         folders: only files below these are read; `None` stands for all files.
-        linked_folders: as `folders`, also where links in them lead out of them, as those of
-            installed packages do that were built with links to their sources.
+        linked_folders: as `folders`, but links in them may lead out of them, as in packages that
+            were installed with links to their sources.
         allow_download: whether `http` and `https` are allowed.
         max_bytes: the most bytes of a document with its imports.
         max_statements: the most statements of a document with its imports.
