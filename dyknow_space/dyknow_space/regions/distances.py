@@ -91,7 +91,7 @@ class RegionShapes:
         return found
 
     def _with_heights(self, flat: Floats, z: Floats | None) -> Floats:
-        """Return the distances to prisms, given those to their bases."""
+        """Return the distances to prisms, given the distances to their bases."""
         height = np.maximum(self._low - z, z - self._high)
         outside = np.hypot(np.maximum(flat, 0), np.maximum(height, 0))
         found: Floats = np.where((flat > 0) | (height > 0), outside, np.maximum(flat, height))
@@ -213,7 +213,7 @@ def _projected(region: Region) -> tuple[LocalPlane, RegionShapes]:
 
 
 def _in_plane(plane: LocalPlane, *places: Positions) -> list[Positions]:
-    """Return places in a plane: from the first one on the shorter way around the earth."""
+    """Return places in a plane, which extends from the first place the shorter way around."""
     found: list[Positions] = []
     # Coordinates that are not finite are reported with the distances.
     for each in places:
@@ -235,7 +235,7 @@ class _Way:
     Args:
         begin: one position.
         end: the next one.
-        region: to which distances are computed.
+        region: the region to which distances are computed.
     """
 
     def __init__(self, begin: Positions, end: Positions, region: Region) -> None:

@@ -161,12 +161,12 @@ class MovingDistance:
 
         Args:
             position: as for `region_distances`.
-            region: with its `outline`, a polygon in well-known text, and perhaps its `frame`.
+            region: its `outline`, a polygon in well-known text, and perhaps its `frame`.
             valid_time: the valid time of both.
 
         Raises:
-            SpaceError: if one of them is of another frame, or not usable; an invalid outline is
-                not repaired, and the one before it is not used in its place.
+            SpaceError: if one of them is in another frame, or not usable. An invalid outline is
+                not repaired, and not replaced by the outline before it.
         """
         frame = self._shapes.frame
         found = _single(position, valid_time, frame)

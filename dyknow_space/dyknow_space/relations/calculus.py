@@ -55,10 +55,10 @@ _CONVERSES: Final = {
     RegionRelation.TPPI: RegionRelation.TPP,
     RegionRelation.NTPPI: RegionRelation.NTPP,
 }
-"""Of those that differ from their converse."""
+"""The converse of each relation that is not symmetric."""
 
-# For each relation of a to b, as rows, and of b to c, those that a may have to c, in the order of
-# the flags; `*` are all, `<` are DC EC PO TPP NTPP, `>` are DC EC PO TPPI NTPPI.
+# Rows are relations of a to b, columns are relations of b to c, in the order of the flags. An entry
+# has the possible relations of a to c; `*` are all, `<` DC EC PO TPP NTPP, `>` DC EC PO TPPI NTPPI.
 _TABLE: Final = """
 DC    | * | < | < | < | < | DC | DC | DC
 EC    | > | DC EC PO TPP TPPI EQ | < | EC PO TPP NTPP | PO TPP NTPP | DC EC | DC | EC

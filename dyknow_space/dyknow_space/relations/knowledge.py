@@ -79,7 +79,7 @@ class ContradictionError(SpaceError):
     """Statements about regions with which no scenario agrees.
 
     Args:
-        statements: some of them; without any one of these, a scenario would agree with the others.
+        statements: a minimal contradiction: if any statement is removed, the others are consistent.
     """
 
     def __init__(self, statements: Sequence[SpatialStatement]) -> None:
