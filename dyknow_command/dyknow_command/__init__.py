@@ -29,7 +29,7 @@ Durations are in seconds unless a unit is given, as in '500 ms'."""
 
 
 class _Version(argparse.Action):
-    """Prints the version, for which it looks up what is installed, and ends the command."""
+    """Looks up the installed version, prints it, and ends the command."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(nargs=0, **options)

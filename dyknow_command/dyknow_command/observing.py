@@ -18,7 +18,7 @@ def observe(duration: int, fields: ReadFields, topic: str = '') -> tuple[Observe
     """Return the topics of the running robot.
 
     Args:
-        duration: for which they are observed, in nanoseconds.
+        duration: how long they are observed, in nanoseconds.
         fields: returns the fields of a topic whose values are wanted.
         topic: the only topic to observe; empty for all.
 

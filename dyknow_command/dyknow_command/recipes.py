@@ -88,7 +88,7 @@ def _add(options: argparse.Namespace, chosen: Iterable[Recipe]) -> int:
     names = dict(each.partition('=')[::2] for each in options.rename)
     text = read_text(path, 'configuration', ConfigurationError) if path.exists() else ''
     report: list[str] = []
-    # The first recipe that has a sort gives its objects: the one that needs the most.
+    # The first recipe with a sort gives its objects, so the recipe with the most objects is first.
     renamed = (each.renamed(names) for each in chosen)
     for recipe in sorted(renamed, key=_most_objects, reverse=True):
         result = add_recipe(path, text, recipe)

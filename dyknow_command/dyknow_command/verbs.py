@@ -14,7 +14,7 @@ class Verb:
 
     Args:
         module: has the function `add_<verb>_options`.
-        description: for the help.
+        description: the description for the help.
         needs_ros: True if it needs rclpy.
     """
 

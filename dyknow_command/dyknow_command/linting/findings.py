@@ -48,7 +48,7 @@ class Finding:
     Args:
         level: error or warning.
         place: where it is.
-        message: with the mend.
+        message: the message, with advice.
     """
 
     level: FindingLevel

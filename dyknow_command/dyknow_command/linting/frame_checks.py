@@ -49,7 +49,7 @@ def frame_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> I
 
     Args:
         inputs: the files.
-        topics: that were observed, with the texts of `FRAME`, by absolute name.
+        topics: the observed topics with the texts of `FRAME`, by absolute name.
     """
     frames = frames_of(topics.values())
 

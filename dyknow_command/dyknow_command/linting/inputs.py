@@ -75,9 +75,9 @@ class LintInputs:
 
     Args:
         files: their texts in the languages.
-        formulas: with their places.
+        formulas: the formulas with their places.
         findings: the faults of single files.
-        places: of what a robot.yaml declares, by section and name.
+        places: the places of the declarations of a robot.yaml, by section and name.
         consequences: return True for a message that is a consequence of another fault.
         is_complete: False if a text is at fault, so what it declares is not known.
         texts: the texts of the files, by their paths.
@@ -218,7 +218,7 @@ def _entries(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
 
 
 def _shared(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
-    """Yield the features and objects that a federation names as those of this host."""
+    """Yield the features and objects of this host that a federation names."""
     stated = dict(_keys_of(document)).get('federation')
     for key, value in _keys_of(stated) if stated else ():
         for each in value.one_or_more() if key in {'share', 'same'} else ():

@@ -45,7 +45,7 @@ class TopicUse:
     Args:
         topic: its absolute name.
         place: where it is named.
-        constraints: that it must keep.
+        constraints: the constraints that it must keep.
         is_shared: True if several publishers are expected.
     """
 
@@ -64,7 +64,7 @@ def contents_of(topics: Mapping[str, ObservedTopic]) -> Mapping[str, TopicConten
 
 
 def name_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> Iterator[Finding]:
-    """Yield the topics that ROS cannot have; recordings of other systems may have them."""
+    """Yield topics whose names ROS does not allow; recordings of other systems may contain them."""
     for use in topic_uses(inputs):
         if use.topic not in topics and not _OF_ROS.fullmatch(use.topic):
             text = (
@@ -81,7 +81,7 @@ def topic_findings(
 
     Args:
         inputs: the files.
-        topics: that were observed, by absolute name.
+        topics: the observed topics, by absolute name.
         where: they were observed, such as `in flight.mcap`.
     """
     for use in topic_uses(inputs):
@@ -140,7 +140,7 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         if annotation.is_topic:
             place = inputs.place_of(source)
             is_shared = bool(annotation.keys) or annotation.elements is not None
-            # On a topic of many objects, the timing is that of one object, not of the topic.
+            # On a topic of many objects, the timing concerns one object, not the topic.
             stated = NO_CONSTRAINTS if is_shared else annotation.constraints
             yield TopicUse(absolute_topic(annotation.stream), place, stated, is_shared)
     yield from _stream_uses(inputs)

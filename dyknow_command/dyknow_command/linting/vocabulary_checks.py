@@ -70,7 +70,7 @@ _DEFINED = re.compile(r'\b(?:stream|sink)\s+((?:\w|\{[^{}\n]*\})+)')
 _UNCERTAINTIES = 'SELECT ?text { ?feature <http://www.dyknow.org/ontology#uncertainty> ?text }'
 
 _SIMILARITY = 0.8
-"""The least similarity of a name of a peer with an own one for which it is taken, from 0 to 1."""
+"""From this similarity on (0 to 1), a peer's name is taken for an own name."""
 
 Contents = Mapping[str, TopicContent]
 
@@ -237,7 +237,7 @@ class VocabularyChecks:
             near = {*knowledge.superconcepts(feature.name), *knowledge.subconcepts(feature.name)}
             is_used = near & used or _is_in(feature.name, inputs.refused)
             # The bounds of a forecast are declared together, and so are the features of positions,
-            # and those that uncertainties are measured with.
+            # and the features that measure uncertainties.
             is_given = ForecastFeature.of(feature.name) or feature.name in POSITION_FEATURES
             is_given = is_given or _is_in(feature.name, uncertainties)
             if not (is_used or is_given) and not inputs.is_consequence(f"'{feature.name}'"):
