@@ -63,10 +63,10 @@ class TriggerReport:
     Args:
         formula: the formula.
         event: what has happened.
-        verdict: at that time.
-        explanation: for people.
+        verdict: the verdict at that time.
+        explanation: the explanation for people.
         time: the time of the deciding state, or else of the event, in nanoseconds.
-        margin: if it is known.
+        margin: the margin, if it is known.
     """
 
     formula: RequestedFormula
@@ -202,8 +202,8 @@ class TriggerUse:
         state: of the latest event.
         text: what has happened last, for people.
         runs: the number of runs that have begun.
-        failures: of runs that have failed.
-        ignored: of events within the `min_interval`, or while too many runs wait.
+        failures: the number of runs that have failed.
+        ignored: the number of events within the `min_interval`, or while too many runs wait.
         last_begin: when the latest run began, in nanoseconds; None before the first.
         log: the latest entries, with their times.
     """

@@ -107,7 +107,7 @@ def stream_text(stream: KnownStream, namespace: str) -> str:
 
 
 def objects_fault(formula: str, domains: Mapping[str, Sequence[str]], states: str) -> str:
-    """Return why objects differ from those in a formula's states; empty if they do not."""
+    """Return how objects differ from the objects in a formula's states; empty if they do not."""
     group = FormulaGroup()
     group.add_formula(formula, formula)
     group.begin({sort: tuple(objects) for sort, objects in domains.items()})
@@ -122,14 +122,14 @@ def first_state(
 ) -> tuple[int | None, bool]:
     """Return the valid time of the first recorded state of a formula, and if it is its first one.
 
-    Example: 3 states up to 30 were progressed. Of the recorded states, with numbers 4, 5, 6,
-    and 7, the one with the number 6 is valid at 30. So the formula began with the number 4, which
-    is recorded. Had 5 states been progressed, it would have begun with the number 2.
+    Example: 3 states up to 30 were progressed. The recorded states have the numbers 4, 5, 6 and
+    7; number 6 is valid at 30. So the formula began with number 4, which is recorded. Had 5 states
+    been progressed, it would have begun with number 2.
 
     Args:
-        states: that are recorded, in their order.
+        states: the recorded states, in their order.
         progressed: the number of states of the formula ...
-        latest: ... up to the one that is valid at this time; None before its first one.
+        latest: ... up to the state that is valid at this time; None before its first state.
         requested: the time at which the formula was requested. All times are in nanoseconds.
     """
     last = next((each for each in states if each.valid_time == latest), None)
@@ -150,10 +150,10 @@ class FormulaOrigin:
         status: the latest one with a state, or the first.
         group_id: the group id of its states at the reasoning engine; 0 before they are asked for.
         reported_stream: the latest state stream that was reported.
-        state_stream: whose origin is known.
-        origin: the origin of these states.
+        state_stream: the state stream whose origin is known.
+        origin: the origin of this stream.
         domains: the objects of each sort; None before they are known.
-        topics: all that were recorded for it.
+        topics: all topics that were recorded for it.
         objects_fault: why the objects are not known.
         faults: why something else is not known.
     """
@@ -191,7 +191,7 @@ def content_of(
     Args:
         box: the box.
         origin: the origin of its formula.
-        states: that are recorded.
+        states: the recorded states.
         versions: the versions of the programs.
         configuration: texts that the system was configured with.
     """
@@ -227,9 +227,9 @@ def lack_of_messages(
 
     Args:
         formula: its canonical text.
-        failure: that was recorded.
+        failure: the recorded failure.
         first: the valid time of its first state, if that is recorded, nanoseconds.
-        recorded_from: the time from which on all its topics are received.
+        recorded_from: the time from which all its topics are received.
     """
     if failure.decided_at is None or (first is not None and first >= recorded_from):
         return ''
@@ -264,7 +264,7 @@ def _with_phase(constraints: StreamConstraints, state: int | None, begin: int) -
     Args:
         constraints: the constraints of the states.
         state: the valid time of one of them, nanoseconds.
-        begin: of the recording.
+        begin: the begin of the recording.
     """
     period = constraints.sample_period
     if period is None or state is None or constraints.start_time is not None:

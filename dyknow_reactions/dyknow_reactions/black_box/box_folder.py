@@ -34,7 +34,7 @@ class TopicOffer:
 
     Args:
         message_type: such as `nav_msgs/msg/Odometry`.
-        offers: of each publisher: whether it is reliable, whether it keeps messages for later
+        offers: for each publisher, whether it is reliable, whether it keeps messages for later
             subscribers, and how many it keeps.
     """
 

@@ -68,7 +68,7 @@ class OpenBox:
         key: the key of the formula.
         failure: the first one.
         status: the status of the formula when it failed.
-        begin: of the time, nanoseconds.
+        begin: the begin of the time, nanoseconds.
         end: the end of the time.
         last_end: the latest time to which later failures may extend it.
         failures: their number.

@@ -1,6 +1,6 @@
 """The latest messages of topics, in bounded memory.
 
-Each topic keeps the messages from a time on, and the one before that time, as streams use the
+Each topic keeps the messages from a time on, and the message before that time, as streams use the
 latest value. When the memory is full, the oldest messages of all topics are dropped and counted.
 For example, with at most 4 messages:
 
@@ -62,10 +62,10 @@ class MessageRing:
 
         Args:
             topic: its name.
-            time: of receipt in nanoseconds, not before the topic's latest message.
+            time: the time of receipt in nanoseconds, not before the topic's latest message.
             data: the message.
-            is_latched: True if the publisher keeps it for later subscribers; the latest one of the
-                topic is then the last to be dropped.
+            is_latched: True if the publisher keeps it for later subscribers; the latest message of
+                the topic is then the last to be dropped.
         """
         held = self._topics.setdefault(topic, _RingTopic())
         held.is_latched = is_latched
@@ -92,14 +92,14 @@ class MessageRing:
         self.bytes -= sum(len(each.data) for each in held.messages)
 
     def messages(self, topics: Collection[str], begin: int, end: int) -> list[SerialisedMessage]:
-        """Return the messages of some topics in a time, and the one before it of each topic.
+        """Return the messages of some topics in a time, and the last one before it of each topic.
 
-        They are in the order of their times. The latched one of a topic from before `begin` has the
-        time `begin`, as for a subscriber that joins then.
+        They are in the order of their times. A latched message from before `begin` has the time
+        `begin`, as for a subscriber that joins then.
 
         Args:
             topics: the topics.
-            begin: of the time, nanoseconds.
+            begin: the begin of the time, nanoseconds.
             end: the end of the time; messages at it are included.
         """
         found: list[SerialisedMessage] = []

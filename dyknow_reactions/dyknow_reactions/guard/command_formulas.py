@@ -1,4 +1,4 @@
-"""Formulas over the messages of a guard, the commands: those that would violate them do not pass.
+"""Formulas over the messages of a guard (commands): commands that would violate them do not pass.
 
 For the input /cmd_vel_in, the formula
 
@@ -82,7 +82,7 @@ class CommandFormula:
         """Return why a command must not pass; empty if it may.
 
         Args:
-            time: by the monotonic clock, after the latest command that passed.
+            time: the time by the monotonic clock, after the latest command that passed.
             command: the values of `fields`.
         """
         if self._trial is None:
@@ -106,7 +106,7 @@ class CommandStates:
     Args:
         name: the name of the formula in the gate.
         formula: the formula.
-        reports: to the gate, of each state.
+        reports: the gate, which gets a report on each state.
     """
 
     def __init__(self, name: str, formula: CommandFormula, reports: GateReports) -> None:

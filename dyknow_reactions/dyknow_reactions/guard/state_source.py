@@ -1,8 +1,8 @@
 """The evaluation of the coordinator whose states a guard reads.
 
-Two evaluations may have the name of a formula of a guard: its own, and for a while the one of a
-process of the guard that was killed. Their states are as good, as long as the coordinator vouches
-for them:
+Two evaluations may have the name of a formula of a guard: its own evaluation, and for a while the
+evaluation of a killed process of the guard. The states of both are equally good, as long as the
+coordinator vouches for them:
 
     time     `~/evaluations`                                the guard reads
     0.0 s    1: RUNNING with states_1                       states_1, of a former process

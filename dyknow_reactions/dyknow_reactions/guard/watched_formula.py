@@ -98,7 +98,7 @@ class WatchedStates:
 
     Args:
         name: the name of the formula in the gate.
-        reports: to the gate, of each state.
+        reports: the gate, which gets a report on each state.
     """
 
     def __init__(self, name: str, reports: GateReports) -> None:

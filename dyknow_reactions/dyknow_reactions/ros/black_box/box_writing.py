@@ -1,4 +1,4 @@
-"""Ways in which black boxes are written: by a thread, or by the snapshot service of rosbag2."""
+"""Writers of black boxes: a thread, or the snapshot service of rosbag2."""
 
 from __future__ import annotations
 

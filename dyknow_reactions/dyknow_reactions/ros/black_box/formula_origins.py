@@ -30,7 +30,7 @@ class FormulaOrigins:
     """The origins of the states of watched formulas.
 
     Args:
-        node: that watches.
+        node: the node that watches.
         manager: the name of the stream manager.
         ontology: the name of the ontology manager.
     """

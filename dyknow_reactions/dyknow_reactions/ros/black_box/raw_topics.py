@@ -32,8 +32,8 @@ class _RawTopic:
     """A topic with its subscription, once it has a publisher or its type is known.
 
     Args:
-        since: the time from which on its messages are received, nanoseconds; None before it.
-        publishers: the number of those that the subscription is connected with.
+        since: the time from which its messages are received, nanoseconds; None before it.
+        publishers: the number of publishers that the subscription is connected with.
     """
 
     since: int | None = None
@@ -49,7 +49,7 @@ class RawTopics:
     """Subscriptions to topics of any type, which follow their publishers as they come and go.
 
     Args:
-        node: that subscribes.
+        node: the node that subscribes.
         on_message: receives topic, time of receipt (nanoseconds), data, and if the topic is
             latched.
         on_restart: receives a topic whose time has jumped back.
@@ -78,10 +78,10 @@ class RawTopics:
         return None if held is None else held.offer
 
     def recorded_from(self, topics: Iterable[str]) -> int:
-        """Return the time from which on all messages of these topics are received, nanoseconds.
+        """Return the time from which all messages of some topics are received, nanoseconds.
 
-        Topics without a subscription, which nobody has published yet, and latched ones, whose
-        latest message comes later, too, are left out.
+        Topics without a subscription are left out: nobody has published them yet. So are latched
+        topics: their latest message comes to later subscribers, too.
         """
         held = [self._topics[each] for each in topics if each in self._topics]
         times = [
@@ -97,8 +97,8 @@ class RawTopics:
 
         Args:
             topics: all topics.
-            states: those among them that are state streams. They are subscribed to before they are
-                published, as their first states may be decisive.
+            states: the state streams among them. They are subscribed to before they are published,
+                as their first states may be decisive.
         """
         gone = [each for each in self._topics if each not in topics]
         for topic in gone:

@@ -51,7 +51,7 @@ class StateReceiver(Protocol):
         """Begin with the states of another stream.
 
         Args:
-            formula: that is asked.
+            formula: the formula that is asked.
             domains: the objects of its sorts.
             unknown: the features that may be unknown.
 
@@ -89,7 +89,7 @@ class FormulaStates:
     A `StateLine` decides which states of an evaluation count, as in the reasoning engine.
 
     Args:
-        services: that it uses.
+        services: the services that it uses.
         formula: its text.
         name: the name of the evaluation, unique in the system.
         receiver: the receiver of the states.
@@ -114,8 +114,8 @@ class FormulaStates:
         self._states: StateSubscription | None = None
         self._used = StateSource(0, 0, '', '')
         self._line = self._new_line()
-        # The one before, until a state of the next one has come: its violation, of which the guard
-        # may learn later than of the other states, closes the gate all the same.
+        # The former stream, until a state of the next stream has come: its violation closes the
+        # gate all the same, even if the guard learns of the violation after the states.
         self._former: StateSubscription | None = None
         self._monitor: Monitor | None = None
         self._ask()

@@ -35,7 +35,7 @@ End = Callable[[str], None]
 """Ends an attempt, once: with the reason of its failure, or an empty text."""
 
 GiveUp = Callable[[], str]
-"""Gives an attempt up whose time has passed, and returns what is to be said about it."""
+"""Gives up an attempt whose time has passed, and returns the text to report."""
 
 SHOWN: Final = 300
 """The number of bytes of the error output of a command that a message shows, from the end."""

@@ -57,7 +57,7 @@ class Triggers:
 
     Args:
         node: any node.
-        formulas: with their triggers.
+        formulas: the formulas with their triggers.
         logs_targets: False if the caller reports targets that are not there.
 
     Raises:
