@@ -1,1 +1,1 @@
-"""The contents of the page: from the reports of nodes to documents of JSON, in bounded memory."""
+"""The contents of the page: turns reports of nodes into JSON documents, in bounded memory."""

@@ -121,7 +121,7 @@ class ConceptTable:
         self.version += 1
 
     def fail(self, fault: str) -> None:
-        """Note why the contents cannot be read now; those read before remain."""
+        """Note why the contents cannot be read now; contents that were read before remain."""
         if fault != self.fault:
             self.fault = fault
             self.version += 1
@@ -221,7 +221,7 @@ class Board:
     def state_topics(self, pages: Iterable[PageState]) -> set[str]:
         """Return the topics of the states that signals are kept of, and forget other signals.
 
-        The signals of opened formulas come first, then those of failing, running and ended ones.
+        The signals of opened formulas come first, then of failing, running and ended formulas.
         """
         opened = (key for page in pages for key in page.interest.opened)
         kept: dict[str, LiveSignals] = {}
@@ -248,7 +248,7 @@ class Board:
                 signals.add(valid_time, fields)
 
     def changes(self, page: PageState) -> Iterator[dict[str, Any]]:
-        """Yield the messages that a page lacks, which it is then assumed to have."""
+        """Yield the messages that a page lacks; from then on, the page is assumed to have them."""
         for name, version, document in self._tables(page.interest.view):
             if page.versions.get(name) != version:
                 page.versions[name] = version

@@ -29,7 +29,7 @@ CLOSE_S: Final = 2.0
 
 
 def collector_url(text: str) -> str:
-    """Return the address to which logs are sent, given the one of a collector as an option."""
+    """Return the address to which logs are sent, given a collector's address as an option."""
     with suppress(ValueError):
         parts = urlsplit(text)
         if parts.scheme in {'http', 'https'} and parts.hostname:

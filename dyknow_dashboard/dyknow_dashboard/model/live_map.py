@@ -21,7 +21,7 @@ from dyknow_recordings.reporting.pictures.maps import map_image
 from dyknow_recordings.reporting.pictures.timeline import Span
 
 MAX_POSITIONS: Final = 1200
-"""The positions that are kept of an object: at 10 Hz, those of two minutes."""
+"""The positions that are kept of an object: at 10 Hz, the positions of two minutes."""
 
 MAX_OUTLINES: Final = 300
 """The outlines that are kept of a region that moves."""
@@ -39,7 +39,7 @@ MapSample = tuple[str, int, Mapping[str, Value]]
 class LiveMap:
     """The regions of a robot, and the tracks of the objects that formulas are about.
 
-    The map of a formula that has ended is that of its end.
+    After a formula has ended, its map stays as it was at the end.
 
     Args:
         known: the regions, and the streams.
@@ -76,7 +76,7 @@ class LiveMap:
         return now - end > LATE_NS or all(each and each[-1][0] >= end for each in traces)
 
     def add(self, samples: Iterable[MapSample]) -> None:
-        """Add samples; one that is not later than those before is not drawn."""
+        """Add samples; a sample that is not later than earlier ones is not drawn."""
         for name, time, fields in samples:
             is_outline = name in self._known.outlines
             is_drawn = is_outline or all(isinstance(fields[axis], int | float) for axis in 'xy')

@@ -37,9 +37,9 @@ Domains = Mapping[str, tuple[str, ...]]
 
 
 def domains_of(status: EvaluationStatus, known: Domains) -> dict[str, tuple[str, ...]]:
-    """Return the objects of each sort of a formula: those that its streams are about.
+    """Return the objects of each sort of a formula: the objects that its streams are about.
 
-    They were fixed when it was asked; the ontology may have others now, or is not read yet.
+    They were fixed when it was asked; the ontology may have other objects now, or is not read yet.
 
     Args:
         status: the status of its evaluation.
@@ -118,7 +118,7 @@ class LiveSignals:
             self._use(status.formula, domains_of(status, known))
 
     def add(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Add a state; one that is not later than those before is not drawn."""
+        """Add a state; a state that is not later than earlier ones is not drawn."""
         if self._end is None or valid_time <= self._end:
             columns = {name: (each,) for name, each in earliest(fields).items()}
             self._recorder.states((valid_time,), columns)

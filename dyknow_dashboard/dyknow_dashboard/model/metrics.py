@@ -42,9 +42,9 @@ class _BoardCollector(Collector):
         self._board = board
 
     def collect(self) -> Iterator[Metric]:
-        """Yield all metrics; those of formulas and streams while the node that reports them runs.
+        """Yield all metrics; metrics of formulas and streams only while their node runs.
 
-        An alarm on the last report of a node that is gone would be silent for ever.
+        If they stayed after the last report, an alarm on a node that is gone would stay silent.
         """
         gone = {
             each.name.rpartition('/')[2]

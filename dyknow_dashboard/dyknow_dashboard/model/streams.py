@@ -41,7 +41,7 @@ class StreamTable:
         """Return all streams and topics, with the formulas that use them.
 
         Args:
-            evaluations: those that run.
+            evaluations: the running evaluations.
         """
         users = [StreamUser(each.name, each.state_stream, each.topics) for each in evaluations]
         stand_ins = _stand_ins(evaluations)

@@ -43,8 +43,9 @@ class VerdictEvent:
         verdict: the outcome in words, `false` or `constraint violation`.
         started: when the formula was asked.
         begin: the valid time of the first state of an episode; 0 at the end of an evaluation.
-        valid_time: of the deciding state; of an error, of the latest state; None without one.
-        explanation: for people.
+        valid_time: the valid time of the deciding state; for an error, of the latest state; None
+            without a state.
+        explanation: the explanation for people.
         known_at: when the report came, on the clock of this machine.
         may_be_known: True if an earlier run of the page may have had the event, too.
     """

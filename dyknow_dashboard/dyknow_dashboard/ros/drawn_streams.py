@@ -1,8 +1,8 @@
 """What pages draw: the states of formulas, and the streams of maps.
 
-A formula may have fifty states a second, and all are read of those that signals are kept of, so
-states are taken many at a time, as bytes. A callback for each message, and rclpy's objects for its
-fields, take five times as long.
+A formula may have fifty states a second. If its signals are kept, all states are read, so they are
+taken many at a time, as bytes. A callback for each message, and rclpy's objects for its fields,
+would take five times as long.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class StateTopics:
 
     Args:
         adapter: of the node that reads; its methods are called in the thread of its executor.
-        on_states: called with the states that have come, those of a topic in their order.
+        on_states: called with the states that have come; states of one topic are in their order.
     """
 
     def __init__(self, adapter: NodeAdapter, on_states: Callable[[list[State]], None]) -> None:
@@ -106,7 +106,7 @@ class MapStreams:
         adapter.create_timer(PERIOD_S, self._deliver, clock=adapter.wall_clock)
 
     def read(self, streams: Mapping[str, str]) -> None:
-        """Make the streams of these texts from now on, by their names, and no others."""
+        """Make only these streams from now on, given their texts by name."""
         made = {*self._dataflow.names()}
         if made == streams.keys():
             return

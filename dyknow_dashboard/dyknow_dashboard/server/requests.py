@@ -154,7 +154,7 @@ class ServedSystem:
         board: the state of the system.
         operator: changes it.
         names: the names of this machine, in the header `Host`.
-        limit: of requests.
+        limit: the limit of requests.
         read_only: True if pages may change nothing.
         read_all: has all reports read from then on.
     """

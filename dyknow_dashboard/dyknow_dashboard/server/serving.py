@@ -1,7 +1,7 @@
 """The server: its routes, its socket, its limits and its open pages.
 
-Each page has a WebSocket on which it receives what has changed. It gets the next changes only when
-it has taken the former ones, so a slow page misses reports, and the server keeps nothing for it.
+Each page has a WebSocket on which it receives changes. It gets the next changes only after it has
+taken the former ones. So a slow page misses reports, and the server keeps nothing for it.
 """
 
 from __future__ import annotations
