@@ -68,9 +68,9 @@ class MonitoredFormula:
         waits_for: why no state comes, for people; empty while states come.
         presumably_false: True if it is undecided, and would be false if no further state came.
         has_states: True if it ever had a state, or a verdict.
-        margin: the latest, if it is asked for.
-        probability: while it is undecided, if the formula asks for one.
-        verdicts: of the present evaluation, for a formula that is asked at every state.
+        margin: the latest margin, if it is asked for.
+        probability: the probability while it is undecided, if the formula asks for one.
+        verdicts: the present evaluation's verdicts, for a formula that is asked at every state.
         has_failed: True if it was false once.
     """
 
@@ -117,9 +117,9 @@ def identity(status: EvaluationStatus) -> Identity:
 def is_any_evaluated(
     formulas: Sequence[MonitoredFormula], statuses: Iterable[EvaluationStatus]
 ) -> bool:
-    """Return True if an evaluation is of one of these formulas, and was not cancelled.
+    """Return True if an evaluation belongs to one of some formulas, and was not cancelled.
 
-    A cancelled one had another client, which has ended: no client will evaluate it again.
+    A cancelled evaluation had another client, which has ended: no client will evaluate it again.
 
     Raises:
         BringupError: if one that goes on is of another formula of the same name.

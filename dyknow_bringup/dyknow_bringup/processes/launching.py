@@ -102,7 +102,7 @@ def _node_actions(
     process: Process, values: Mapping[str, str], environment: Mapping[str, str]
 ) -> list[Any]:
     watch = _StartWatch(process.name)
-    # A value of false would hide the one that a launch file sets for all its nodes (SetParameter).
+    # False would hide the value that a launch file sets for all its nodes (SetParameter).
     is_simulated = is_true('use_sim_time', values['use_sim_time'])
     parameters = {**process.parameters, **({'use_sim_time': True} if is_simulated else {})}
     node = Node(

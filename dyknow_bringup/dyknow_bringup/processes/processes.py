@@ -78,8 +78,8 @@ class SystemConfiguration:
         bridges: files of bridge rules between the ontologies.
         store: a folder that keeps changes of the ontology and of the annotations; None: no store.
         reasoner: the reasoner of the ontology; empty for the node's default.
-        parameters: of nodes, by their names; the files and options above take precedence.
-        params_file: a file of parameters, as ROS has them, which takes precedence over all others.
+        parameters: the nodes' parameters, by name; the files and options above take precedence.
+        params_file: a ROS parameter file; it takes precedence over all other parameters.
         engines: the number of stream processing engines.
         guards: their names, each with the robot.yaml that describes it.
         federated: the robot.yaml whose federation this host joins; None: it has no peers.

@@ -43,7 +43,7 @@ _KILLED: Final = (-signal.SIGKILL, -signal.SIGTERM)
 
 
 class Supervisor:
-    """Starts the processes of a launcher, and starts those again that end by themselves.
+    """Starts the processes of a launcher, and restarts processes that end by themselves.
 
     Args:
         launcher: has started no process yet.
@@ -72,7 +72,7 @@ class Supervisor:
         launcher.start_all(self._processes.values())
 
     def update(self, now: int) -> None:
-        """Note the processes that have ended, and start those again that are due.
+        """Note the processes that have ended, and restart the ones that are due.
 
         Raises:
             BringupError: UNAVAILABLE, if a process cannot start, or must not be started again.

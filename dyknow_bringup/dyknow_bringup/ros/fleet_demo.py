@@ -79,7 +79,7 @@ class FleetDemonstration(SystemRun):
 
     Args:
         launcher: starts the base station.
-        folder: for the files and the logs of the hosts.
+        folder: the folder for the files and the logs of the hosts.
         log_level: the log level of the nodes.
     """
 
@@ -136,7 +136,7 @@ class FleetDemonstration(SystemRun):
 
     @contextmanager
     def _monitored(self) -> Iterator[MonitoredFormula]:
-        """Monitor formulas on a live table in a block; yield the one that is decided soon."""
+        """Monitor formulas on a live table in a block; yield the formula that is decided soon."""
         formulas = (*read_robot(host_path(BASE)).formulas, SOON)
         monitor = self._monitor = FormulaMonitor(formulas, lambda _: None, retries=True)
         self._executor.add_node(monitor)

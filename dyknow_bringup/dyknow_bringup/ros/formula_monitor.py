@@ -48,7 +48,7 @@ such as a topic of NaN or a stream that a peer reports as broken, ends each atte
 """
 
 MAX_RETRY_DELAY_S = 5.0
-"""The longest such time; also the one after an invalid request: a topic may have another message
+"""The longest such time; also the time after an invalid request: a topic may have another message
 type later."""
 
 
@@ -192,13 +192,13 @@ class FormulaMonitor(MonitorNode):
     """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
-        formulas: to monitor, the targets of whose triggers the caller checks; None: from the file
-            that the parameter `robot` or `formulas` names.
+        formulas: the formulas to monitor; the caller checks the targets of their triggers. None:
+            the formulas in the file that the parameter `robot` or `formulas` names.
         on_change: called with every formula whose outcome has changed; None: it is logged.
         name: the name of the node.
-        retries: True to monitor a formula again after an error, until it has a verdict; those of
-            the parameter `robot` are. A formula that never had a state is monitored again also
-            otherwise, while nodes are missing.
+        retries: True to monitor a formula again after an error, until it has a verdict; this always
+            applies to formulas of the parameter `robot`. While nodes are missing, a formula that
+            never had a state is monitored again in any case.
     """
 
     def __init__(

@@ -88,7 +88,7 @@ CODES = {'true': SUCCESS, HOLDS: SUCCESS, UNDECIDED: SUCCESS, 'false': FALSE, VI
 
 
 def is_monitored(formulas: Sequence[MonitoredFormula], coordinator: str) -> bool:
-    """Return True if a coordinator evaluates one of these formulas for a running monitor.
+    """Return True if a coordinator evaluates one of some formulas for a running monitor.
 
     A process discovers one node after the other: where formulas are evaluated, it waits until the
     monitor is found that may have asked for them; and where a monitor starts with the system, until
@@ -151,7 +151,7 @@ class AttachedMonitor(MonitorNode):
     """Keeps the outcomes of formulas that a running monitor evaluates.
 
     Args:
-        formulas: that the other monitor was started with.
+        formulas: the formulas that the other monitor was started with.
         on_change: called with every formula whose outcome has changed.
         name: the name of the node.
     """
@@ -419,7 +419,7 @@ def _watching(
 
 
 def _check_targets(node: FormulaMonitor, formulas: tuple[RequestedFormula, ...]) -> None:
-    """Refuse triggers whose targets have another type; warn of those without a target."""
+    """Refuse triggers whose targets have another type; warn of triggers without a target."""
     for fault in find_target_faults(node, formulas):
         if not fault.is_missing:
             raise fault.error

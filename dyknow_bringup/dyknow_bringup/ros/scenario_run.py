@@ -93,9 +93,9 @@ class ScenarioRun(SystemRun):
         scenario: the name of a shipped scenario, or the path of a YAML file.
         vehicles: the number of vehicles.
         launcher: starts the processes.
-        folder: for the files of the run.
+        folder: the folder for the files of the run.
         markers: True to show formulas in three-dimensional views.
-        processes: True for a process for each node of DyKnow, False for one for all of them.
+        processes: True: each node of DyKnow has a process; False: one process has all nodes.
 
     Raises:
         BringupError: if there is no such scenario, or if the fleet cannot fly it.

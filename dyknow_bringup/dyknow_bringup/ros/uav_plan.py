@@ -31,7 +31,7 @@ class MonitoredMission(ScenarioRun):
         plan: the name of a shipped plan, or the path of a YAML file.
         scenario: a scenario in which the vehicle flies as the plan says.
         launcher: starts the processes.
-        folder: for the files of the run.
+        folder: the folder for the files of the run.
     """
 
     def __init__(self, plan: str, scenario: str, launcher: Launcher, folder: Path) -> None:

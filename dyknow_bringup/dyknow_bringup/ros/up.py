@@ -51,8 +51,8 @@ class LogMonitor:
     Args:
         processes: the processes.
         log: returns the log of the process of a name; what it contains already is not shown.
-        monitors: True if one of them monitors formulas, and logs their outcomes: then those that
-            the coordinator logs are not shown.
+        monitors: True if one of them monitors formulas and logs their outcomes: then outcomes in
+            the log of the coordinator are not shown.
     """
 
     def __init__(
@@ -137,9 +137,9 @@ def _greeting(start: SystemStart, formulas: Sized, logs: Path) -> str:
 def _processes(
     chosen: argparse.Namespace,
 ) -> tuple[tuple[Process, ...], tuple[Process, ...], tuple[RequestedFormula, ...]]:
-    """Return the nodes of DyKnow, the processes that run them and what watches, and formulas.
+    """Return the nodes of DyKnow, the processes that run and watch them, and formulas.
 
-    The formulas are those that are monitored.
+    The formulas are the monitored ones.
     """
     configuration = _configuration(chosen)
     nodes = dyknow_processes(configuration)

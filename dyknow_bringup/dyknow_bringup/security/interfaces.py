@@ -200,8 +200,8 @@ def engine_interfaces(
     Args:
         engine: its absolute name.
         engines: the names of all engines of the system.
-        topics: that streams are made from.
-        outputs: that sinks name for their messages.
+        topics: the topics that streams are made from.
+        outputs: the topics that sinks name for their messages.
     """
     others = [each for each in engines if each != engine]
     return DYKNOW_NODE | Interfaces(
@@ -219,7 +219,7 @@ def recorder_interfaces(
     """Return the interfaces of the recorder of black boxes, which reads topics of any kind.
 
     Args:
-        topics: that streams are made from, or that formulas record.
+        topics: the topics that streams are made from, or that formulas record.
         engines: the absolute names of the engines.
         snapshots: the services of recorders of rosbag2 that it calls.
     """
@@ -273,8 +273,8 @@ def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Inter
 
     Args:
         engines: the absolute names of all engines.
-        topic: that it guards.
-        output: on which it passes messages on.
+        topic: the topic that it guards.
+        output: the topic on which it passes messages on.
     """
     watched = (COORDINATOR, 'stream_reasoning_engine', 'stream_manager')
     used = Interfaces(
@@ -294,7 +294,7 @@ def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
     """Return the interfaces of a monitor of formulas.
 
     Args:
-        triggers: that it runs.
+        triggers: the triggers that it runs.
     """
     targets = {
         kind: frozenset(each.target for each in triggers if each.kind is kind)
@@ -401,7 +401,7 @@ def administration(engines: Collection[str], others: Mapping[str, Collection[str
 
     Args:
         engines: the names of the engines.
-        others: the services of further nodes, by the names of these.
+        others: the services of further nodes, by the names of the nodes.
     """
     nodes = {**SERVICES, RECORDER: RECORDER_SERVICES, **others}
     del nodes[ENGINE]

@@ -126,12 +126,12 @@ class SecuredSystem:
 
     Args:
         namespace: the namespace of the nodes.
-        topics: that the engines read, relative to the namespace or absolute.
+        topics: the topics that the engines read, relative to the namespace or absolute.
         engines: the names of the stream processing engines, likewise.
         clients: the names of nodes that ask for verdicts, likewise.
         outputs: the topics that sinks name for their messages, likewise.
         guards: the guards of the robot.
-        triggers: that the monitors of formulas run.
+        triggers: the triggers that the monitors of formulas run.
         has_peers: True if the host is part of a federation.
         positions: the topics of positions that the live page draws on maps, likewise.
         snapshots: the services that the recorder of black boxes calls, likewise.
@@ -252,7 +252,7 @@ def outputs_of(text: str) -> frozenset[str]:
 
 
 def shipped_policies() -> Mapping[str, str]:
-    """Return the policies of the shipped launch files, by the names of these."""
+    """Return the policies of the shipped launch files, by the names of the files."""
     robots = [SecuredSystem(namespace).enclaves() for namespace in ('robot1', 'robot2')]
     found = {
         'dyknow': SecuredSystem().enclaves(),

@@ -25,7 +25,7 @@ class FailingLink:
         target: the port to which it leads.
 
     Attributes:
-        port: at which it begins.
+        port: the port at which it begins.
     """
 
     def __init__(self, target: int) -> None:

@@ -87,8 +87,8 @@ def write_flight_report(
         vehicles: the names of the fleet.
         start: the time of the first stamp, in nanoseconds since the epoch.
         files: the configuration of DyKnow for the fleet.
-        formulas: to check.
-        folder: for the recording.
+        formulas: the formulas to check.
+        folder: the folder for the recording.
         pictures: the files to write.
 
     Raises:

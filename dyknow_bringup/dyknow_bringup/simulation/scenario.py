@@ -91,11 +91,11 @@ class Scenario:
 
     Args:
         name: the name of its file, without the suffix.
-        description: for people.
-        duration: in nanoseconds.
+        description: the description for people.
+        duration: the duration in nanoseconds.
         seed: the seed of all noise.
         plans: the plans of some vehicles; the others fly along their lanes.
-        gusts: of wind.
+        gusts: the gusts of wind.
         telemetry_losses: lost messages.
         gps_losses: failures of the receiver that gives a vehicle its altitude.
         expected: the outcomes of formulas, by their names.

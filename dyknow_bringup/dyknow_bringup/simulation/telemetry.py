@@ -46,10 +46,10 @@ class Transport:
     """Periods and delays of the messages of a channel, in nanoseconds.
 
     Args:
-        period: between the stamps of consecutive messages.
-        delay: from the stamp to the earliest delivery.
-        jitter: from the earliest to the latest delivery; less than the period, so that messages
-            arrive in order.
+        period: the time between the stamps of consecutive messages.
+        delay: the time from the stamp to the earliest delivery.
+        jitter: the time from the earliest to the latest delivery; less than the period, so that
+            messages arrive in order.
     """
 
     period: int
