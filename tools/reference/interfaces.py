@@ -8,7 +8,7 @@ FOLDER = Path(__file__).parent.parent.parent / 'dyknow_interfaces'
 
 INTRODUCTION = """\
 The definitions of the package `dyknow_interfaces`. In services and actions, `---` separates the
-request from the response. Times and durations are those of `builtin_interfaces`.
+request from the response. Times and durations are messages of `builtin_interfaces`.
 [Nodes](nodes.md) lists who serves and publishes them."""
 
 KINDS = {'srv': 'Services', 'action': 'Actions', 'msg': 'Messages'}

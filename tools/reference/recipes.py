@@ -32,7 +32,7 @@ It prints what may differ on your robot: objects, constants, topics and their ty
 name of a topic stands for each object; a robot without a namespace has `/odom` in the place of
 `/{r}/odom`. [robot.yaml](configuration.md) explains the rest, [operators in
 pictures](operators_in_pictures.md) shows the windows of the operators. The limits are examples:
-replace them by those of your robot. A formula is no safety function.
+replace them by the limits of your robot. A formula is no safety function.
 
 A robot *stands* if its forward speed is about zero: for one that turns on the spot or moves
 sideways, add these speeds, as `estop_stops` does. A formula begins when each of its topics has
