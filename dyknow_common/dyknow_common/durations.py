@@ -34,8 +34,8 @@ REPAIR_NS: Final = 5 * SECOND_NS
 """The time in which a reader of a reliable topic gets what was lost on the way.
 
 Fast DDS sends it again after the next heartbeat of the writer, which comes each 3 s. Until then,
-the reader holds back all later messages of that writer. Parts of bursts are lost where they exceed
-the buffer of a socket, such as of all that a node announces at its start.
+the reader holds back all later messages of that writer. A burst that exceeds the buffer of a socket
+is lost in part, such as the announcements of a node at its start.
 """
 
 MAX_DIGITS: Final = 100

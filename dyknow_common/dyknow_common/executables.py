@@ -32,7 +32,7 @@ LAUNCHER = 'DYKNOW_LAUNCHER'
 INTERRUPTED = SIGNALLED + signal.SIGINT
 
 UNREAD = 141
-"""The exit code of a command whose output is a pipe that nothing reads any more, such as `head`."""
+"""The exit code of a command after the reader of its output, such as `head`, has ended."""
 
 SOURCE_ENVIRONMENT = 'run first: source env.sh, or the setup.bash of the workspace'
 
@@ -166,7 +166,7 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def _replace_missing_outputs() -> None:
-    """Discard what is printed to an output that the caller has closed, which Python has as None."""
+    """Discard text for outputs that the caller has closed; Python sets these to None."""
     for name in ('stdout', 'stderr'):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open('w', encoding='utf-8'))  # noqa: SIM115

@@ -193,9 +193,9 @@ def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
     """Yield the parameters that nodes ignore, as they do not have them, or that nodes refuse.
 
     Args:
-        document: a robot.yaml, whose values are checked where it is read, or a file of parameters
-            as ROS has them. Nodes that are not DyKnow's are skipped, and so are wildcards, which
-            may stand for these.
+        document: a robot.yaml, whose values are checked where it is read, or a ROS parameter file.
+            Nodes that are not DyKnow's are skipped, and so are wildcards, which may stand for such
+            nodes.
     """
     stated = [nodes for name, _, nodes in _named(document) if name == 'nodes']
     own = ((node, parameters) for nodes in stated for node, _, parameters in _named(nodes))

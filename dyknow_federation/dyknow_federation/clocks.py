@@ -24,7 +24,7 @@ MAX_DRIFT_PPM: Final = 120
 """By how much two clocks drift apart: 50 ppm each, as quartz does, and a reserve."""
 
 MAX_MEASURES: Final = 64
-"""The number of exchanges that are kept: those that bound the offset best at some time."""
+"""The number of exchanges that are kept: each bounds the offset best at some time."""
 
 BEGINNING: Final = -(2**63)
 """A time before all others."""

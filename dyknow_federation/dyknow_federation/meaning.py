@@ -45,7 +45,7 @@ class ImportedStream:
     annotation: str
     feature: SharedFeature
     sorts: tuple[str, ...]
-    """Of the arguments of the feature, as far as its objects tell."""
+    """The sorts of the arguments of the feature, as far as its objects tell."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -143,8 +143,8 @@ class PushDown:
     def remaining(self, topics: Mapping[PeerPart, str]) -> str:
         """Return the formula over the verdicts of peers, on their topics.
 
-        Parts that have no topic are evaluated here. It is empty if it names an object that no text
-        can name, such as `r-1`, or that has the name of a variable.
+        Parts that have no topic are evaluated here. The result is empty if the formula names an
+        object that no text can name, such as `r-1`, or that has the name of a variable.
         """
         return _text(_filled(self._remaining, topics))
 

@@ -64,7 +64,7 @@ class ReceivedStream:
         self.epoch = epoch
         self._held: dict[int, Received | StreamFault] = {}
         self._end = self._number = 0
-        """All samples before `_number` are delivered or lost; those before `_end` exist."""
+        """All samples before `_number` are delivered or lost; all samples before `_end` exist."""
         self._oldest = 0
         self._watermark: Watermark | None = None
         self._promised = BEGINNING

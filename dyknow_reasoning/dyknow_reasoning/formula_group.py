@@ -392,8 +392,8 @@ class FormulaGroup:
     def residual(self, formula_id: int) -> str:
         """Return what remains of a formula, for the states to come, in the words of the formula.
 
-        After a state, its intervals count from that state. Of a very large formula, only the first
-        instances are shown.
+        After a state, its intervals count from that state. Only the first instances of a very large
+        formula are shown.
         """
         formula = self._find(formula_id)
         if formula_id in self._ends:

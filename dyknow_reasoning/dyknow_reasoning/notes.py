@@ -43,8 +43,8 @@ class FormulaNote:
 def notes_on(formula: str, *, every_state: bool = False) -> tuple[FormulaNote, ...]:
     """Return the notes on a formula, in the order of the text.
 
-    There is one for each time without a unit, but for zero, for each `previous` or `soon` over an
-    operator of two sides that is not in brackets, and for each `prev` that makes an `always` false.
+    There is a note for each time without a unit (except zero), for each `previous` or `soon` over a
+    binary operator that is not in brackets, and for each `prev` that makes an `always` false.
 
     Args:
         formula: the text.

@@ -48,7 +48,7 @@ class FormulaResult:
         verdict: undecided if the formula failed.
         decided_at: the valid time of the deciding state in nanoseconds; None if the formula failed
             or needs no state.
-        explanation: the reasons, for those who operate the robot; empty if the formula failed.
+        explanation: the reasons, for the operators of the robot; empty if the formula failed.
         error: the reason why the formula failed.
         objects: the objects for which the formula is decided, `u = uav1`; empty if there is no
             choice of them.

@@ -268,7 +268,7 @@ class StandingFormulas:
     def progress(
         self, valid_time: int, values: Values, omitted: Mapping[int, str] = NONE_OMITTED
     ) -> dict[int, ReasoningError]:
-        """Progress all formulas but some over a state; return those that fail, to be removed."""
+        """Progress all formulas but some over a state; return failing formulas, to be removed."""
         self.omitted = omitted
         failures: dict[int, ReasoningError] = {}
         for formula_id, each in self.formulas.items():

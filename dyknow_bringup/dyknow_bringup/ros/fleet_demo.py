@@ -57,7 +57,7 @@ DOMAINS: Final = 102
 """ROS domains from 0 on; higher ones have ports that Linux gives to outgoing connections."""
 
 RADIUS_M: Final = 2.0
-"""Of the circle of the first carrier, and between two circles."""
+"""The radius of the first carrier's circle, and the distance between two circles."""
 
 HOSTS_TIMEOUT_S: Final = 120.0
 VERDICT_TIMEOUT_S: Final = 120.0

@@ -48,8 +48,8 @@ such as a topic of NaN or a stream that a peer reports as broken, ends each atte
 """
 
 MAX_RETRY_DELAY_S = 5.0
-"""The longest such time; also the time after an invalid request: a topic may have another message
-type later."""
+"""The longest such time; also the time after an invalid request: later, a topic may have another
+message type."""
 
 
 def _retry_delay_s(idle_attempts: int) -> float:

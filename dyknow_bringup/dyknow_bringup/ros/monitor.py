@@ -181,7 +181,7 @@ class AttachedMonitor(MonitorNode):
         return self._has_report
 
     def explain_wait(self, hint: str) -> None:
-        """Report why there is no report; of a formula that is not in it, that is said once."""
+        """Explain a missing report; a formula that the report lacks is explained once, elsewhere."""
         if not self._has_report:
             super().explain_wait(hint)
 

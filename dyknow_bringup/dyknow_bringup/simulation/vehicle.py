@@ -38,9 +38,9 @@ FULL_VOLTAGE: Final = 16.8
 EMPTY_VOLTAGE: Final = 14.0
 """In V without load."""
 RESISTANCE: Final = 0.03
-"""Of the battery, in ohm."""
+"""The resistance of the battery, in ohm."""
 CAPACITY: Final = 18_000.0
-"""Of the battery, in ampere seconds (5 Ah)."""
+"""The capacity of the battery, in ampere seconds (5 Ah)."""
 
 _GRAVITY = 9.81
 _ARRIVAL_DISTANCE = 0.2

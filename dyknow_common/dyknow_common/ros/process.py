@@ -1,7 +1,7 @@
 """The process of one or several nodes: its start, its shutdown, its exit code.
 
-Each node has an executor, and a thread that runs it, so a long callback of one node delays the
-others only as far as Python's threads do. The nodes share the context: one participant of DDS.
+Each node has an executor and a thread that runs it. So a long callback of one node delays other
+nodes only by the switching of Python's threads. The nodes share the context: one DDS participant.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def run(
 class _Nodes:
     """The nodes of a process.
 
-    Each is made, runs and is destroyed in a thread of its own: some of what they use, such as a
-    connection of SQLite, belongs to the thread that has made it.
+    Each node is made, runs and is destroyed in a thread of its own: some objects that nodes use,
+    such as connections of SQLite, belong to the thread that has made them.
     """
 
     def __init__(self) -> None:

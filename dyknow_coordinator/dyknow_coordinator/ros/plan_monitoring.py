@@ -81,7 +81,7 @@ class MonitoredPlan:
         self._evaluations: dict[FormulaPosition, FormulaEvaluation] = {}
         # What formulas have waited for last.
         self._waits: dict[FormulaPosition, str] = {}
-        # Of withdrawn formulas, the end of their periods, and how they stood.
+        # For withdrawn formulas, the end of the period, and the situation at the withdrawal.
         self._periods_end: dict[FormulaPosition, int] = {}
         self._withdrawals: dict[FormulaPosition, str] = {}
         self._verdicts = {

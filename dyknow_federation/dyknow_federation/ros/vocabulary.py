@@ -51,9 +51,9 @@ class SharedVocabulary:
         prefix: str,
     ) -> None:
         self.faults: tuple[str, ...] = ()
-        """What of the peers cannot be used, and why."""
+        """What cannot be used from peers, and why."""
         self._sorts: Mapping[str, tuple[str, ...]] = {}
-        """Of the objects of peers, as they were told last."""
+        """The sorts of the objects of peers, as peers told them last."""
         self._same = same
         self._topic = topic
         self._prefix = prefix

@@ -11,9 +11,9 @@ Example: `before` is 10 s, `after` is 2 s.
 A box goes on for `before` + `after` at most after the report of its first failure; a later failure
 has a box of its own.
 
-The number of boxes in a minute is limited. Some of them are kept for formulas that have had none
-for the same reason in this minute, so that the retries of a formula, or its episodes, take no box
-from the first failure of another one, nor from another kind of failure of its own.
+The number of boxes in a minute is limited. Some boxes are reserved for formulas that have had no
+box for the same reason in this minute. So the retries or episodes of a formula cannot take the box
+of the first failure of another formula, or of another kind of failure of the same formula.
 """
 
 from __future__ import annotations

@@ -52,10 +52,10 @@ class WatchedFormula:
     def failure(self, valid_time: int, values: Values) -> str:
         """Return why the formula does not hold from a state on; empty if it does.
 
-        It does not hold at a state with which an episode becomes known, or before whose end
-        the latest one has not ended; nor where that is so for some of the values that unknown
-        features may have, or of the orders that the clocks of hosts allow. Once it cannot be asked
-        any more, it never holds again.
+        It does not hold at a state with which an episode becomes known, nor while the latest
+        episode has not ended. It is enough that this is so for some possible value of an unknown
+        feature, or for some order of samples that the clocks of hosts allow. Once it cannot be
+        asked any more, it never holds again.
 
         Args:
             valid_time: the valid time of the state, in nanoseconds.

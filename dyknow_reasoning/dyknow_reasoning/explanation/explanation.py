@@ -1,4 +1,4 @@
-"""Explanation of a verdict, for those who operate the robot.
+"""Explanation of a verdict, for the operators of the robot.
 
 The explanation follows from the remaining formula before the deciding state and from this state.
 The only data kept for it are the opening times of the windows without an end.
@@ -104,7 +104,7 @@ _DIGITS = (4, 9)
 
 @dataclass(frozen=True, slots=True)
 class VerdictReasons:
-    """The reasons of a verdict, for those who operate the robot.
+    """The reasons of a verdict, for the operators of the robot.
 
     Args:
         text: the reasons, with objects, values, and the times of pending obligations.

@@ -32,7 +32,7 @@ _MOST_NAMES: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class PastStates:
-    """The states up to one at which a past operator is explained, as far as they are known.
+    """The known states up to the state at which a past operator is explained.
 
     Args:
         now: the valid time of the explained state, in nanoseconds.

@@ -52,7 +52,7 @@ class Remainders:
     def text(self, formula_id: int) -> str | None:
         """Return the text that remains of an undecided formula; None if it has seen no state.
 
-        Of a very large one, it shows the first instances and the number of the others.
+        For a very large formula, the text has the first instances and the number of the others.
         """
         states = self._of(formula_id)
         latest = self._monitor.latest

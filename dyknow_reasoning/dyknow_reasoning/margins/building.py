@@ -111,7 +111,7 @@ class _Context:
     """The context of a formula.
 
     Args:
-        bindings: the objects of its variables; its operator has a margin for each of these.
+        bindings: the choices of objects for its variables; its operator has a margin for each.
         positive: False for the negation of the formula.
         first: True if the margin is needed at the first state alone.
     """

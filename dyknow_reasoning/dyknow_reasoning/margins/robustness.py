@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 Robustness: TypeAlias = tuple[float, int]
-"""A margin, and the number of the comparison that has it; -1 if none has."""
+"""A margin, and the number of the comparison with this margin; -1 if there is none."""
 
 HIGHEST: Robustness = inf, -1
 LOWEST: Robustness = -inf, -1

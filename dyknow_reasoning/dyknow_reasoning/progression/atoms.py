@@ -218,7 +218,7 @@ def term_reader(term: Term | Comparison, kinds: Kinds) -> Reader:  # noqa: PLR09
         case PastTerm():
             return _past_value(term)
         case _:
-            name = str(term)  # Of an object, as a field holds it.
+            name = str(term)  # The name of an object, as in the text of a field.
             return lambda _: name
 
 

@@ -92,7 +92,7 @@ class SinceMemory:
         """Replace the youngest candidates that are old enough."""
         if self._end is not None:
             ends, end = self.ends, candidate + self._end
-            if ends and ends[-1][1] == rows:  # Of one object, this is always so.
+            if ends and ends[-1][1] == rows:  # With one object, this is always so.
                 ends[-1] = end, rows
                 return
             if self.holds & rows:

@@ -154,7 +154,8 @@ class FormulaReport:
     def decisive(self) -> Episode | None:
         """The first episode with the outcome of the formula.
 
-        Of undecided ones, an obligation that was not met comes first: it may be a failure.
+        Among undecided episodes, an episode with an unmet obligation is preferred: it may be a
+        failure.
         """
         outcome = self.outcome
         found = [each for each in self.episodes if each.outcome is outcome]

@@ -68,9 +68,9 @@ class _Entry:
 class Matcher:
     """Matches concepts with indexed annotations; an update processes only what has changed.
 
-    An annotation that is invalid for the ontology, such as one of a destroyed object, or that its
-    stream does not fit, matches nothing until that changes. A concept that is invalid for the
-    ontology raises LanguageError in all methods.
+    An annotation matches nothing while it is invalid for the ontology, as after its object was
+    destroyed, or while it does not fit its stream. A concept that is invalid for the ontology
+    raises LanguageError in all methods.
 
     Args:
         knowledge: the ontologies, with the bridges between them.

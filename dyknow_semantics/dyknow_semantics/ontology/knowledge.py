@@ -133,7 +133,7 @@ class Knowledge:
     def instances(self, concept: str) -> tuple[str, ...]:
         """Return the instances of a concept and of all concepts below it, each once.
 
-        Of several names of an instance, it is one of the instances stated for the concept itself.
+        If an instance has several names, a name stated for the concept itself is returned.
         """
         return self._instances.get(self.concept_names.iri(concept), ())
 

@@ -50,9 +50,9 @@ _TIMEOUT_S: Final = 1.0
 class StreamSemanticsManager(DyKnowNode):
     """Serves the annotations of streams.
 
-    Each is checked against the ontology when it is added, and against the fields of its stream as
-    soon as the type of that is known. An annotation that is found to be invalid later is kept, but
-    not used.
+    Each annotation is checked against the ontology when it is added, and against the fields of its
+    stream as soon as the type of the stream is known. If an annotation becomes invalid later, it is
+    kept, but not used.
     """
 
     def __init__(self) -> None:

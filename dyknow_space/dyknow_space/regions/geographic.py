@@ -26,7 +26,7 @@ WGS84: Final = 'wgs84'
 """The frame of degrees: x is the longitude, y the latitude."""
 
 MAX_LATITUDE: Final = 85.0
-"""Of regions: nearer to a pole, the plane of a region has little to do with the ellipsoid."""
+"""The limit of regions: nearer to a pole, the plane of a region is far from the ellipsoid."""
 
 MAX_ERROR: Final = 0.01
 """The largest relative error of distances between points of a region."""

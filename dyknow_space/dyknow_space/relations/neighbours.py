@@ -14,9 +14,9 @@ def delaunay_neighbours(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which of some points are neighbours, as a symmetric matrix.
 
     Two points are neighbours if an edge of the Delaunay triangulation joins them: some circle
-    through both has no point inside. Of more than three points on one such circle, the edges of one
-    triangulation count. Points on a line are neighbours of the next ones. Points at the same place
-    are neighbours of each other, and of all neighbours of the place.
+    through both has no point inside. If such a circle has more than three points, the edges of one
+    triangulation count. Points on a line are neighbours of the next points. Points at the same
+    place are neighbours of each other, and of all neighbours of the place.
 
     Args:
         points: x and y of each; they are finite.

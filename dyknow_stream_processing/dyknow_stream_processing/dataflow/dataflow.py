@@ -43,7 +43,7 @@ _MAX_NAME: Final = 80
 class Statistics:
     """Counts of emitted samples, reported violations, and dropped samples by reason.
 
-    Violations and drops include those in the operators and topics that the stream is made of.
+    Violations and drops in the operators and topics that the stream is made of count, too.
     """
 
     samples: int

@@ -158,7 +158,7 @@ class ReceivedWatermarks:
     def lost(self, now: int) -> int:
         """Return the number of samples before the watermark that are lost; 0 while they may come.
 
-        To be asked after a watermark, once all samples are taken that wait.
+        Call this after a watermark, once all waiting samples are taken.
 
         Args:
             now: the time of a steady clock, in nanoseconds.

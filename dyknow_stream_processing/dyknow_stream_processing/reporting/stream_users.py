@@ -63,7 +63,7 @@ def used_topics(reports: Collection[StreamReport], users: Iterable[StreamUser]) 
         for source in report.sources:
             if source.topic not in made:
                 streams.setdefault(source.topic, []).append(report)
-                # Of several engines, the first to subscribe has received most.
+                # Among several engines, the first to subscribe has received the most samples.
                 known = sources.get(source.topic, source)
                 sources[source.topic] = max(known, source, key=lambda each: each.samples)
     formulas: dict[str, dict[str, None]] = {}

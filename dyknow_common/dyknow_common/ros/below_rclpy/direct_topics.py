@@ -11,11 +11,11 @@ process, as the object that it is. It also publishes it on the middleware if any
     the engine publishes state 3     as state 2, since the subscriber may only be out of reach
 
 Messages on a latched topic are always published on the middleware, too: later subscribers need
-them. The middleware takes longer than the rest, and would delay the direct subscribers, so it gets
-a message that they receive only when the publisher's node has ended its callback, or publishes one
-that must not wait. The middleware gets the messages of a node in the order of their publication,
-too: a violation before the state that shows it. Other messages must not wait: a subscription would
-receive some that were published before it was created.
+them. The middleware is slower than the rest, and would delay the direct subscribers. So a latched
+message with direct subscribers waits until the callback of the publisher's node has ended, or until
+the node publishes a message that must not wait. The middleware, too, gets the messages of a node in
+the order of their publication: a violation before the state that shows it. Other messages must not
+wait: a subscription would receive some that were published before it was created.
 
 Direct messages have sequence numbers of their own.
 
@@ -127,7 +127,7 @@ _SUBSCRIPTIONS: Final = _Directory()
 class DirectSubscription:
     """A subscription that receives the messages of its process directly.
 
-    Of a latched topic, it may miss messages that its process published before it was created.
+    On a latched topic, it may miss messages that its process published before it was created.
 
     Args:
         node: the node that subscribes.
@@ -212,7 +212,7 @@ class DirectSubscription:
         _SUBSCRIPTIONS.remove(self)
 
     def _is_copy(self, message: Any) -> bool:
-        # Of a list, as publishers may append to the deque during the comparisons.
+        # Search a copy, as publishers may append to the deque during the comparisons.
         return message in list(self._latest)
 
     def _pass_on(self, message: Any, info: Any) -> None:

@@ -116,10 +116,10 @@ class FormulaEvaluation(Evaluation):
         self._on_change = on_change
         self._started = context.node.now()
         self._group: EvaluationGroup | None = None
-        # Of semantics, in all and before the objects of its sorts were looked up last; while it
-        # starts, changes are only counted.
+        # Changes of semantics: in total, and before the latest look-up of the objects of its sorts.
+        # While the evaluation starts, changes are only counted.
         self._changes, self._seen_changes, self._is_starting = 0, 0, True
-        # Its verdict with the present objects of its sorts, if that needs no state.
+        # Its verdict with the present objects of its sorts, if the verdict needs no state.
         self._standing_answer: Answer | None = None
         self._restart_fault = ''
         self._units: dict[str, str] = {}

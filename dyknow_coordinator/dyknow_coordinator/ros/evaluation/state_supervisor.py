@@ -364,7 +364,7 @@ class StateSupervisor:
         if stream is not self.stream:
             self._next = None
             stream.destroy()
-            # Of streams at fault, the better ones may be the only replacement.
+            # For streams at fault, the better streams may be the only replacement.
             if not self._session.faults:
                 self._exclude(silent)
 

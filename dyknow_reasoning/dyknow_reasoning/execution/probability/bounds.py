@@ -316,7 +316,7 @@ class _UntilScan(_Scan):
         return self._lower, self._ceiling if is_open else min(self._ceiling, self._upper)
 
     def _clear(self) -> None:
-        # Of the left side at the states after the first: what is lacking, and the upper bound.
+        # For the left side after the first state: how far it is below 1, and its upper bound.
         self._lacking, self._held = 0.0, 1.0
         self._lower, self._upper = 0.0, 0.0
         # An upper bound for all later states: they need the left side at every state so far.

@@ -97,7 +97,7 @@ class FormulaProbability:
         self.is_of_state = not has_windows(node)
         self._is_lost = False
         self._names = sorted({str(each) for atom in atoms for each in fields(atom)})
-        # Of the states so far, if later ones matter.
+        # A hash of the states so far, if later states matter.
         self._history = 0
 
     @property

@@ -155,7 +155,7 @@ def is_exact(atom: Atom, kinds: Kinds) -> bool:
                 for each in sides
             )
         case _:
-            return True  # Of other operators of the past, the operands have atoms of their own.
+            return True  # The operands of other past operators have atoms of their own.
 
 
 def _present(term: Term) -> Term:

@@ -294,10 +294,10 @@ class PossibleFormula:
         previous: int | None,
         values: Values,
     ) -> PossibleVerdict | InstanceVerdict:
-        """Return the verdict of a part; with its moment if no unknown value had a part in it.
+        """Return the verdict of a part; with its moment if no unknown value influenced it.
 
-        Of alternatives, it is the moment of one case: each of them leads to the verdict. If a part
-        is false, it is the verdict of an instance that alone is false in all cases, if one is.
+        With alternatives, it is the moment of one case: each case leads to the verdict. If a part
+        is false, and a single instance is false in all cases, it is the verdict of this instance.
         """
         holds, depends = part.verdict is True, part.part
         is_joint = not holds and len(depends.instances) > 1
@@ -504,7 +504,7 @@ class PossibleFormulas:
             self._watched = None
 
     def progress(self, time: int, values: Values) -> dict[int, Outcome | PossibleVerdict]:
-        """Progress all formulas over a state; return those that end."""
+        """Progress all formulas over a state; return the outcomes of formulas that end."""
         found: dict[int, Outcome | PossibleVerdict] = {}
         for formula_id, each in self.formulas.items():
             try:

@@ -313,7 +313,7 @@ def _checked_objects(found: Array, kind: Kind | None) -> Array:
 
 def _constant(values: Sequence[Any]) -> Any:
     if len(set(values)) == 1:
-        # Of numbers, arrays are faster operands.
+        # Arrays are faster operands than numbers.
         return np.array(values[0]) if type(values[0]) in {int, float} else values[0]
     if isinstance(values[0], str):
         return _object_vector(values)

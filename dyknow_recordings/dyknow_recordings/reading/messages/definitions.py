@@ -1,8 +1,7 @@
 """Definitions of message types, as texts.
 
-Those that a recording does not contain are looked for in the folders of the user, in the
-distribution of ROS 2 that the recording is from, and in the workspaces that are sourced, in this
-order.
+Definitions that a recording does not contain are looked up in the folders of the user, then in the
+distribution of ROS 2 that the recording is from, then in the sourced workspaces.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from dyknow_recordings.reporting.pictures.timeline import Span, extent
 from dyknow_space import WGS84, LocalPlane, SpaceError, geometry_of, shapely
 
 _HEIGHT: Final = 26.0
-"""Of the image, in em; its width is at most twice that."""
+"""The height of the image, in em; the width is at most twice the height."""
 
 _DETAIL: Final = 1 / 2000
 """The share of the height that an outline may be away from its region: less than a pixel."""
@@ -137,7 +137,7 @@ def _shapes(found: RecordedMap, formulas: Sequence[FormulaReport], whole: Span) 
         last = None if failed else outcomes.get(name)
         for index, outcome in sorted({len(outlines) - 1: last, **failed}.items()):
             time, text = outlines[index]
-            # Of an outline that cannot be drawn, the formulas report a violation.
+            # If an outline cannot be drawn, the formulas report a violation.
             with suppress(SpaceError):
                 yield _Shape(name, found.frame, geometry_of(text), outcome, whole.text(time))
 

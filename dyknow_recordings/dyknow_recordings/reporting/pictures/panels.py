@@ -343,7 +343,7 @@ def _relations(
         if (names and names <= POSITION_FEATURES) or (has_links and isinstance(atom, Feature)):
             found[_text(atom)] = _relation(atom)
         if len(found) == MAX_SIGNALS:
-            break  # Of others, there are no signals.
+            break  # Further relations have no signals.
     return found
 
 

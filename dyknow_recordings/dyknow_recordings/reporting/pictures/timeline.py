@@ -149,7 +149,7 @@ def gaps(formula: FormulaReport, whole: Span) -> tuple[Span, ...]:
 
 
 def pending_windows(episode: Episode, now: int) -> list[Span]:
-    """Return the times in which an undecided formula awaits something, as far as they have ends.
+    """Return the times with an end in which an undecided formula awaits something.
 
     Args:
         episode: the episode of the formula.

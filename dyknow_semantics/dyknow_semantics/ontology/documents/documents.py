@@ -53,7 +53,7 @@ _IMPORTS: Final = """
 """The query of SQLite for the imports of a document, which are resources or texts."""
 
 _EXPANSION: Final = 4
-"""N-Triples may be this many times as long as the text that they are translated from may be."""
+"""The limit for N-Triples is this many times the limit for the text they are translated from."""
 
 
 @dataclass(frozen=True, slots=True)

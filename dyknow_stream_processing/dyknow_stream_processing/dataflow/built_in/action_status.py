@@ -33,7 +33,7 @@ class ActionStatusOperator(Operator):
         try:
             goals = [(_accepted_at(each), each) for each in _goals(fields)]
             if goals:
-                # Of several goals of one stamp, the last.
+                # The last of several goals with one stamp.
                 latest = max(reversed(goals), key=lambda goal: goal[0])[1]
                 self._emit(valid_time, _status_fields(latest), watermark, now)
                 return

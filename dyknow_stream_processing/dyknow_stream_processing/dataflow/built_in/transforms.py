@@ -51,7 +51,7 @@ class Transform:
     def towards(self, other: Transform, fraction: float) -> Transform:
         """Return the transform between this (0) and another (1): linear, and slerp for rotations.
 
-        Of the two ways from one rotation to the other, the shorter one is taken.
+        It takes the shorter of the two ways from one rotation to the other.
         """
         start, end = self.translation, other.translation
         x, y, z = (a + (b - a) * fraction for a, b in zip(start, end, strict=True))

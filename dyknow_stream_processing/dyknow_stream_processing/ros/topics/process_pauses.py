@@ -109,7 +109,7 @@ class ProcessPauses:
 
     def _note(self, now: int) -> None:
         if now - self._last > PAUSE_NS:
-            # Of several pauses, the first one began before all messages that still wait.
+            # The first of several pauses began before all messages that still wait.
             self._began = self._last if self._began is None else self._began
             self._length = now - self._began
             self._settled_at = now + SETTLING_NS
