@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 from dyknow_common import round_duration
 
 MAX_DRIFT_PPM: Final = 120
-"""By how much two clocks drift apart: 50 ppm each, as quartz does, and a reserve."""
+"""The drift of two clocks from each other: 50 ppm each, as for quartz, and a reserve."""
 
 MAX_MEASURES: Final = 64
 """The number of exchanges that are kept: each bounds the offset best at some time."""

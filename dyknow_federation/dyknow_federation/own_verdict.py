@@ -69,7 +69,7 @@ class OwnVerdict:
             self._tell(verdict, progress.latest_valid_time, now)
 
     def advance(self, known_until: int | None, now: int) -> None:
-        """Promise that the verdict is as it was told, as far as that is known.
+        """Promise that the latest verdict told is still valid, as far as this is known.
 
         Args:
             known_until: until when all samples are known that it depends on; None if nothing is

@@ -162,7 +162,7 @@ class Peer:
             self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
     def explain(self, stream: str, reason: str) -> None:
-        """Tell who asks for the verdict of a formula why it has no states."""
+        """Tell the peer that asked for the verdict of a formula why the formula has no states."""
         if stream in self.formulas:
             message = messages.FormulaWait(stream, reason[:MAX_REASON])
             self._send(self.formulas[stream].asker, message)
@@ -233,7 +233,7 @@ class Peer:
         return self._effects()
 
     def _note_time(self, at: int) -> None:
-        """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
+        """Notice that the own clock has jumped back: restart waits, and measure clocks anew."""
         if at < self._now:
             self._hello_at = at
             self._faults_at.clear()

@@ -48,7 +48,7 @@ from dyknow_recordings.reading.recording import RecordingReader, RecordingSpan
 from dyknow_recordings.reporting.outputs import print_notes
 
 MAX_REACH_NS: Final = 60 * SECOND_NS
-"""The age from which on a value without a stamp comes again at the begin of a span."""
+"""From this age on, a value without a stamp is repeated at the begin of a span."""
 
 CLOCK_NS: Final = SECOND_NS
 """The time after which the clock makes a state certain without a later message of a topic."""

@@ -43,10 +43,10 @@ MAX_MEASURED: Final = 20_000_000
 """The number of messages of a topic that are measured: 16 bytes each."""
 
 _WINDOW_NS: Final = 5 * SECOND_NS
-"""The shortest time in which the messages of a rate are counted, ..."""
+"""The shortest window in which the messages of a rate are counted, ..."""
 
 _WINDOW_MESSAGES: Final = 10
-"""... which is longer for rates with fewer messages than these in it."""
+"""... and the least messages in a window: at lower rates, the window is longer."""
 
 _MAX_WINDOWS: Final = 100_000
 """The most windows: in longer recordings, windows are longer."""

@@ -151,7 +151,7 @@ class FleetDemonstration(SystemRun):
             monitor.destroy_node()
 
     def _fail(self, link: FailingLink, soon: MonitoredFormula) -> dict[str, str]:
-        """Have the link fail for some time; return what was not as expected of the verdict."""
+        """Let the link fail for some time; return how the verdict differs from the expected one."""
         self._tell(f'asked: {SOON.text}')
         self._wait_for(lambda: soon.has_states, 'the first state', HOSTS_TIMEOUT_S)
         self._spin_for(BEFORE_S)

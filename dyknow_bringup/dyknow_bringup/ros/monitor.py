@@ -59,7 +59,7 @@ SEARCH_S: Final = 10.0
 """The longest search for the node that evaluates formulas; it ends as soon as it is found."""
 
 STARTING_NS: Final = 30 * SECOND_NS
-"""The age up to which a system may not have begun with its formulas."""
+"""Until this age, a system may not have begun with its formulas yet."""
 
 NOT_MONITORED: Final = (
     f'{MONITOR} does not evaluate it: it has not begun yet, it had its verdict some time ago, '
@@ -181,7 +181,7 @@ class AttachedMonitor(MonitorNode):
         return self._has_report
 
     def explain_wait(self, hint: str) -> None:
-        """Explain a missing report; a formula that the report lacks is explained once, elsewhere."""
+        """Explain a missing report; formulas that a report lacks are explained once, elsewhere."""
         if not self._has_report:
             super().explain_wait(hint)
 

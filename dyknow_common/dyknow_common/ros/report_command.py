@@ -19,7 +19,7 @@ from dyknow_common.ros.qos import LATCHED
 from dyknow_common.tables import Terminal
 
 _PATIENCE_NS: Final = SECOND_NS // 2
-"""The time in which a report of another node is waited for, which may not run."""
+"""The longest wait for a report of another node, which may not run."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Completion of formulas: what the ontology says of their symbols is stated in their texts.
+"""Completion of formulas: adds what the ontology says about their symbols to their texts.
 
 In `forall u: always Power[u] < 200`, the quantifier of `u` names no sort. If the ontology says that
 the argument of `Power` is a `UAV`, the formula is `forall u in UAV: always Power[u] < 200`.

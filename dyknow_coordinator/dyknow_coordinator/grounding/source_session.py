@@ -76,9 +76,9 @@ class SourceChoice:
     def replacements(
         self, features: Iterable[str], candidates: Candidates, known: KnownStreams, now: int
     ) -> tuple[FeatureSource, ...]:
-        """Return what `choose` does, but a source that has samples if there is one.
+        """Choose as `choose` does, but prefer sources that have samples.
 
-        It is asked after a failure: at the start, the first samples may still be on their way.
+        Call this after a failure: at the start, the first samples may still be on their way.
         """
         return self.choose(features, candidates, known, now, known.is_flowing)
 

@@ -28,7 +28,7 @@ _MAX_TEXT: Final = 10_000
 
 
 def as_reported(text: str) -> str:
-    """Return a text as reports have it: the begin of a long one."""
+    """Return a text for reports: of a long text, only the begin."""
     return text if len(text) <= _MAX_TEXT else f'{text[:_MAX_TEXT]}...'
 
 

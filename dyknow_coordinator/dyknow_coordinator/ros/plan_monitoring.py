@@ -118,7 +118,7 @@ class MonitoredPlan:
             self._take(self._execution.end())
 
     def _take(self, step: Step, time: int | None = None) -> None:
-        """Take a step; states count until a time at the end of periods, from it on at the begin.
+        """Take a step at a time: ending periods take states until then, new ones from then on.
 
         Times are in nanoseconds. Without one, late states do not count.
         """

@@ -208,7 +208,7 @@ class Federation(DyKnowNode):
         return self._settings.compared.get(feature, ())
 
     async def _update_meaning(self) -> None:
-        """Say here what peers share, and to them what this host does."""
+        """Publish here what peers share, and tell peers what this host shares."""
         is_done = False
         try:
             remotes = self._peer.remotes.items()

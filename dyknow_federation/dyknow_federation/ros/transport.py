@@ -52,7 +52,7 @@ class ZenohTransport:
         self, federation: RequestedFederation, now: Callable[[], int], wake: Callable[[], None]
     ) -> None:
         self.sent: Counter[str] = Counter()
-        """Numbers of bytes, by the names of peers; what is sent to all counts for an empty one."""
+        """Numbers of bytes by the names of peers; bytes sent to all count for the empty name."""
         self.dropped = 0
         """The number of packets that came while too many waited, or were too long."""
         self._name = federation.name

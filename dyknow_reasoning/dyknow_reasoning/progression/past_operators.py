@@ -60,7 +60,7 @@ class SinceMemory:
         self.holds = 0
         """The rows with a candidate that is old enough."""
         self.ends: deque[tuple[int, int]] = deque()
-        """These rows by the last time at which the youngest such candidate is young enough."""
+        """The rows in `holds`, by the last time at which their youngest old candidate counts."""
         self.younger: deque[tuple[int, int, int]] = deque()
         """The other candidates with their rows: spans of time, as a gap may be a candidate."""
         self._lost: int | None = None

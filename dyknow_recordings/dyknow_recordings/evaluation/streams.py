@@ -1,4 +1,4 @@
-"""The streams of a recording: what stream manager, processing engine and topics are when live."""
+"""The streams of a recording, in place of live topics, stream manager and processing engine."""
 
 from __future__ import annotations
 

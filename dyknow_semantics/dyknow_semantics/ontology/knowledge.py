@@ -190,7 +190,7 @@ class Knowledge:
         return self.instance_names.name(iri) if iri in self._types else iri
 
     def _with_sorts_below_object(self, order: list[tuple[str, str]]) -> Taxonomy:
-        """Return the order of concepts, in which each one that is no feature is a sort."""
+        """Return the order of concepts; each concept that is not a feature is a sort in it."""
         taxonomy = Taxonomy(order)
         others = {vocabulary.THING, vocabulary.NOTHING, *taxonomy.above(vocabulary.OBJECT)}
         others |= taxonomy.below(vocabulary.FEATURE) | taxonomy.above(vocabulary.FEATURE)

@@ -216,7 +216,7 @@ def circle(x: float, y: float, radius: float, frame: str = '') -> Any:
 
 
 def buffer_of(geometry: Any, distance: float, frame: str = '') -> Any:
-    """Return what is at most a distance away from a geometry; of a negative one, what is left.
+    """Return a geometry grown by a distance, or shrunk by a negative distance.
 
     Args:
         geometry: in the coordinates of the frame.

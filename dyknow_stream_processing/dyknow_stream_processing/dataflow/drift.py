@@ -106,7 +106,7 @@ class DriftTest:
         self._next = 0
 
     def note(self, time: int, value: float, forecast: float, half_width: float) -> None:
-        """Take a value, and the forecast that is made of it; a time that is not later has none."""
+        """Take a value and the forecast made from it; ignore a time that is not later."""
         last = self._last
         if last is not None and time <= last[0]:
             return

@@ -174,7 +174,7 @@ class Operator:
         refuse(Refusal.OPERATOR)
 
     def certain_at(self, valid_time: int) -> int | None:
-        """Return the time from which no consumer has to wait for a sample valid then or before.
+        """Return the time from which no consumer waits for samples valid at a time or before.
 
         `None`: only another sample can make it certain.
         """

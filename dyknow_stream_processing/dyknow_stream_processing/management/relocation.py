@@ -61,7 +61,7 @@ def with_aliases(specification: Specification, topics: Mapping[str, str]) -> Spe
 
 
 def in_namespace(specification: str, namespace: str, other: str) -> str:
-    """Return a specification that means in another namespace what it means in a namespace.
+    """Return a specification that has the same meaning in another namespace.
 
     Raises:
         LanguageError: if the text is not a specification.

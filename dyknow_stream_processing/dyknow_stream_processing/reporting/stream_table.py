@@ -44,7 +44,7 @@ _NONE = (
 )
 
 _SHOWN_NS = 100 * NANOSECONDS['ms']
-"""The delay from which on it is shown where a topic loses its time: a sender takes some."""
+"""From this delay on, the table shows where a topic loses time: a sender needs some time."""
 
 _TIMES = ('latest', 'delay', 'before_sending', 'transport')
 _FIGURES = ('samples', 'rate', 'delay', 'max', 'dropped', 'violations')

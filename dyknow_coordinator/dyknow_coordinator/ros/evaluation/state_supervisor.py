@@ -316,7 +316,7 @@ class StateSupervisor:
         self._standby.follow(self.chosen, self.inputs.candidates)
 
     async def _settle(self) -> bool:
-        """Wait until it is known what has replaced failed streams; return False if it was."""
+        """Wait until the replacements of failed streams are known; return False if they were."""
         wait_s = self._settled_at_s - self._context.wall_time_s()
         is_open = wait_s > 0 and not self._are_replaced()
         if is_open:

@@ -182,7 +182,7 @@ def _between(low: float, high: float) -> float:
 
 
 def _texts(tests: Iterable[tuple[str, Any]], others: Sequence[str]) -> Sequence[str]:
-    """Return texts with each combination of what they equal, start with and contain.
+    """Return texts for each combination of tested values, prefixes and contained parts.
 
     A text with the longest prefix p and with some parts behaves like p and these parts with
     separators between them. More separators tell it from texts that were chosen before.

@@ -531,7 +531,7 @@ def _apart(state: InstanceState) -> InstanceState:
 
 
 def _remembers(state: InstanceState) -> bool:
-    """Return True for one that keeps values, or begins with what was kept of earlier states."""
+    """Return True if an instance keeps values, or begins with memories of earlier states."""
     return state.instance.keeps_values or (state.is_fresh and type(state.node) is Remembering)
 
 

@@ -28,7 +28,7 @@ BAG_SUFFIXES: Final = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 METADATA: Final = 'metadata.yaml'
 
 CUT: Final = 'dyknow_cut'
-"""The key in the custom data of a bag that is cut from a recording: what that lacks."""
+"""The key, in the custom data of a bag cut from a recording, for what the recording lacks."""
 
 _PART: Final = re.compile(r'(.*)_(\d+)(\.mcap|\.db3)(\.zstd)?')
 """The name of a part of a bag: its stem, number and ending, and whether it is compressed."""

@@ -272,7 +272,7 @@ class McapFile:
             self.span = (min(each.start for each in filled), max(each.stop for each in filled))
 
     def _compare(self) -> None:
-        """Note what the summary states and is not there; and what a file that ends early lacks."""
+        """Note what is missing: contents in the summary, and the rest of a file that ends early."""
         known = len(self.faults.losses)
         if self._end_fault:
             self.faults.lose(self._name, self._end_fault, first=self._first_after_end())
