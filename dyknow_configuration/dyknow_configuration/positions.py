@@ -80,8 +80,8 @@ def read_positions(
         regions: the regions with their places.
 
     Raises:
-        ConfigurationError: with the place of the fault; if a region is in a frame in which no
-            object has a position, or headings or walls are not in one frame.
+        ConfigurationError: with the place of the fault; if no object has a position in the frame of
+            a region, or headings are in several frames, or walls are in another frame.
     """
     if 'positions' not in values:
         return PositionTexts(map=_map_of(regions, ()))
@@ -105,7 +105,7 @@ def read_positions(
 
 
 def _map_of(regions: Sequence[StatedRegion], sources: Sequence[_PositionSource]) -> RobotMap:
-    """Return the map, in the frame of the first region; of one that stands still, if there is."""
+    """Return the map, in the frame of the first region that stands still, or else of the first."""
     drawn, everything = drawn_regions(regions), [each.region for each in regions]
     frame = next((each.frame for each in (*drawn, *everything)), '')
     return RobotMap(

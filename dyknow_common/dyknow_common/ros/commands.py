@@ -107,7 +107,7 @@ class CommandNode:
         """Return the response of a node's service.
 
         Args:
-            service_type: the service type of the service, whose name follows from it.
+            service_type: the type of the service; it determines the name of the service.
             node: its name, relative to the namespace of the command or absolute.
             timeout_ns: the time to wait for the response.
             fields: the fields of the request.

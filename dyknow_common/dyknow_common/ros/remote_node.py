@@ -159,7 +159,7 @@ class RemoteNode:
         """Return the response to a request, whatever its exit status is.
 
         Args:
-            service_type: the service type of the service of the node.
+            service_type: the type of the node's service.
             request: the request.
             patience_s: time for the node to appear.
             timeout_s: time that the call may take from then on.

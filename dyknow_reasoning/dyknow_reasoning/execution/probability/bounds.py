@@ -303,7 +303,7 @@ class _AlwaysScan(_Scan):
 
 
 class _UntilScan(_Scan):
-    """The right side at some state of the window, the left side at all states before it."""
+    """The right side at some state of the window, the left side at all states in between."""
 
     def __init__(self, *, is_sliding: bool) -> None:
         super().__init__(is_sliding=is_sliding)

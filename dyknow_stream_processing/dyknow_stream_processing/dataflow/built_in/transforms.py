@@ -58,7 +58,7 @@ class Transform:
         return Transform((x, y, z), _slerp(self.rotation, other.rotation, fraction))
 
     def fields(self) -> Mapping[str, Value]:
-        """Return the fields of a sample; of the two equal quaternions, that with w >= 0."""
+        """Return the fields of a sample; of the two equal quaternions, the one with w >= 0."""
         (x, y, z), quaternion = self.translation, self.rotation
         qx, qy, qz, qw = quaternion if quaternion[3] >= 0 else (-part for part in quaternion)
         return {
