@@ -119,11 +119,6 @@ def variables(value: YamlValue, known: Collection[str]) -> frozenset[str]:
     return frozenset(each['name'].strip() for each in found)
 
 
-def checked_text(value: YamlValue) -> ComposedText:
-    """Return the text of one value, for the errors of its language."""
-    return ComposedText().add_value(value)
-
-
 _READERS: Final[Mapping[ConstraintKind, Callable[[YamlValue], int]]] = {
     ConstraintKind.TIME: YamlValue.duration,
     ConstraintKind.DURATION: YamlValue.duration,

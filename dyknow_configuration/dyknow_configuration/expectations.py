@@ -20,6 +20,7 @@ EXPECTATION_KEYS: Final = ('type', 'min_rate', 'max_rate', *TIMING_KEYS, 'stampe
 
 _RATE: Final = re.compile(r'\s*([0-9]+(?:\.[0-9]+)?)\s*Hz\s*', re.ASCII)
 _TYPE: Final = re.compile(r'[A-Za-z]\w*(/[A-Za-z]\w*)+', re.ASCII)
+_TYPE_TEXT: Final = 'a message type, such as sensor_msgs/msg/LaserScan'
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ def read_expectations(value: YamlValue) -> tuple[TopicExpectation, ...]:
         found.append(
             TopicExpectation(
                 topic,
-                _message_type(stated['type']) if 'type' in stated else '',
+                stated['type'].matched(_TYPE, _TYPE_TEXT) if 'type' in stated else '',
                 **rates,
                 constraints=_constraints(stated),
                 stamped='stamped' in stated and stated['stamped'].truth(),
@@ -80,13 +81,6 @@ def _rate(value: YamlValue) -> float:
     if found is None or not float(found[1]):
         raise value.expected('a rate, such as 9.5 Hz,')
     return float(found[1])
-
-
-def _message_type(value: YamlValue) -> str:
-    found = value.text('a message type').strip()
-    if not _TYPE.fullmatch(found):
-        raise value.error(f"'{found}' is no message type, such as sensor_msgs/msg/LaserScan")
-    return found
 
 
 def _constraints(stated: Mapping[str, YamlValue]) -> StreamConstraints:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from dyknow_common import FORMULA_WORDS, BlackBoxOptions, LanguageError, TextPosition, read_text
-from dyknow_configuration.composed_text import checked_text
+from dyknow_configuration.composed_text import ComposedText
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, Severity
 from dyknow_configuration.triggers import (
@@ -140,7 +140,7 @@ def _elements(value: YamlValue) -> list[YamlValue]:
 def _formula(value: YamlValue, constants: Constants, triggers: Triggers) -> RequestedFormula:
     stated = value.mapping(FORMULA_KEYS, ('name', 'formula'))
     text = stated['formula'].text('a formula').rstrip()
-    with checked_text(stated['formula']).errors():
+    with ComposedText().add_value(stated['formula']).errors():
         check_types(parse_formula(text, constants), text)
     return RequestedFormula(
         text,

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dyknow_common import NANOSECONDS, DyKnowError, LanguageError, shortened, unknown
-from dyknow_configuration.composed_text import checked_text
+from dyknow_configuration.composed_text import ComposedText
 from dyknow_configuration.robot import RequestedFormula, RequestedGuard
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_reasoning import (
@@ -145,7 +145,7 @@ def _formula(
     if _NAME.fullmatch(name):
         raise value.error(unknown('formula', name, list(known)))
     try:
-        with checked_text(value).errors():
+        with ComposedText().add_value(value).errors():
             _check(text, topic, constants)
     except ReasoningError as error:  # It has no place in the text.
         raise value.error(str(error)) from None

@@ -150,8 +150,7 @@ class FormulaTable:
 
     def running(self) -> list[EvaluationStatus]:
         """Return the status of each evaluation that has not ended."""
-        found = (each.status for each in self._known.values())
-        return [each for each in found if each.phase is not EvaluationPhase.ENDED]
+        return [each for each in self.statuses() if each.phase is not EvaluationPhase.ENDED]
 
     def failing(self) -> set[str]:
         """Return the names of the formulas that fail, as the page shows them."""
