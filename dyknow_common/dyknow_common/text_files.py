@@ -90,9 +90,8 @@ def read_text(path: Path | InlineText, content: str, error_class: type[DyKnowErr
 def file_fault(path: Path) -> str:
     """Return why a path names no file with a content; an empty text if it does."""
     try:
-        if path.is_file():
-            return ''
-        return f'{path} is no regular file' if path.exists() else f'there is no file {path}'
+        fault = f'{path} is no regular file' if path.exists() else f'there is no file {path}'
+        return '' if path.is_file() else fault
     except OSError as error:  # Such as a formula in the place of the name, which is too long.
         return f'there is no file {shortened(path)}: {error.strerror}'
 
