@@ -103,7 +103,10 @@ class RecordingJob:
     def _report(self) -> RecordingReport:
         with open_recording(self.path, self.types) as recording:
             is_suffix = recording.is_suffix and self.black_box is None
-            start = replace(self._start(recording.start_time), is_suffix=is_suffix)
+            # From a chosen time on, a trigger that holds already begins an episode.
+            start = replace(
+                self._start(recording.start_time), is_suffix=is_suffix and not self.begin
+            )
             report = evaluate_recording(
                 recording,
                 self.formulas,

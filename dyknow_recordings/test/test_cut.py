@@ -267,6 +267,25 @@ def test_episodes_that_begin_in_a_part(
     assert (found.outcome, words in found.reason) == (outcome, True), found
 
 
+@pytest.mark.parametrize('is_part', [False, True])
+def test_a_trigger_that_holds_at_a_chosen_begin(tmp_path: Path, *, is_part: bool) -> None:
+    path = tmp_path / 'flight'
+    latched_bag(path)
+    assert run_cut(path, '--around', '150', '--before', '2', '-o', tmp_path / 'parts') == 0
+    (part,) = (tmp_path / 'parts').iterdir()
+    job = RecordingJob(
+        '',
+        part if is_part else path,
+        (RequestedFormula('"/a".data < 99'),),
+        MonitoringFiles(),
+        every='"/a".data < 99',
+        begin=10**9,
+    )
+    report = job.run()
+    assert isinstance(report, RecordingReport)
+    assert [each.outcome for each in report.formulas] == [Outcome.TRUE]
+
+
 def test_a_trace(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'trace.csv'
     rows = [f'{time},{int(time == 30)},{"true" if time > 20 else "auto"}' for time in range(10, 60)]
