@@ -230,7 +230,7 @@ class PairMargin(JunctionMargin):
     def left_reaches(self, threshold: MarginThreshold) -> bool:
         """Return True if the left margins of all pairs that were not returned yet reach it."""
         lefts = [*self._queues[0], *self.parts[0].open_margins(threshold)]
-        return threshold.reached_by_all(lefts)
+        return all(map(threshold.reached_by, lefts))
 
 
 class ObjectsMargin(MarginOperator):
@@ -439,7 +439,7 @@ class ExtremumMargin(TemporalMargin):
             # A window that has not ended has an unknown margin.
             return self._margins_of_ended(threshold)
         inner, known = self.body.open_margins(threshold), window.margin(cast('int', states[0]))
-        if not self._waiting and threshold.reached_by_all([known, *inner]):
+        if not self._waiting and all(map(threshold.reached_by, [known, *inner])):
             return ()
         return self._margins(inner, threshold.unknown)
 

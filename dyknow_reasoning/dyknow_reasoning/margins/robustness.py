@@ -98,12 +98,6 @@ class MarginThreshold:
         reached = margin >= _complex(limit) if is_upper else margin <= _complex(limit)
         return bool(reached.all())
 
-    def reached_by_all(self, margins: Sequence[Any]) -> bool:
-        """Return True if all of some margins reach the limit."""
-        if margins and isinstance(margins[0], tuple):
-            return self.reached_by((min if self.unknown is HIGHEST else max)(margins))
-        return all(map(self.reached_by, margins))
-
 
 def as_float(value: float) -> float:
     """Return a number as a float, never as -0.0; integers may be too large for one."""

@@ -300,12 +300,19 @@ class SinceWindow(PairWindow):
 
 def _until(order: Extremum) -> Callable[[Pair, Pair], Pair]:
     """Return the product of an earlier and a later pair."""
-    better, worse = order.better, order.worse
+    better, worse, is_worse = order.better, order.worse, order.is_worse
 
-    def product(earlier: Pair, later: Pair) -> Pair:
+    def of_many(earlier: Pair, later: Pair) -> Pair:
         return worse(earlier[0], later[0]), better(earlier[1], worse(earlier[0], later[1]))
 
-    return product
+    def of_one(earlier: Pair, later: Pair) -> Pair:
+        # Comparisons are much faster than calls of `min` and `max`.
+        (left, right), (next_left, next_right) = earlier, later
+        reached = left if is_worse(left, next_right) else next_right
+        both = left if is_worse(left, next_left) else next_left
+        return both, reached if is_worse(right, reached) else right
+
+    return of_one if isinstance(order.neutral, tuple) else of_many
 
 
 def _since(order: Extremum) -> Callable[[Pair, Pair], Pair]:
