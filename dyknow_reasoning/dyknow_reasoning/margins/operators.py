@@ -230,6 +230,8 @@ class PairMargin(JunctionMargin):
     def left_reaches(self, threshold: MarginThreshold) -> bool:
         """Return True if the left margins of all pairs that were not returned yet reach it."""
         lefts = [*self._queues[0], *self.parts[0].open_margins(threshold)]
+        if self.width == 1 and lefts:
+            return threshold.reached_by((max if threshold.unknown[0] < 0 else min)(lefts))
         return all(map(threshold.reached_by, lefts))
 
 
