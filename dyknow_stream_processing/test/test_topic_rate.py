@@ -37,6 +37,26 @@ def test_a_rate_falls_to_zero_in_silence(flow: Flow, *, has_stamps: bool) -> Non
     assert flow.broken() == []
 
 
+@pytest.mark.parametrize('is_noticed_late', [True, False])
+def test_no_window_with_lost_messages_has_a_rate(flow: Flow, *, is_noticed_late: bool) -> None:
+    flow.receipt_topics.add('a')
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.create('rate("b", 20 ms)', name='other')
+    flow.feed('a', range(0, 45, 5))
+    flow.dataflow.lose('a')
+    if is_noticed_late:
+        flow.advance(75)
+    flow.feed('a', range(80, 130, 5))
+    found = rates(flow)
+    assert {round(each) for each in found.values()} == {200}
+    assert [*found] == [*range(20, 42, 2), *range(100, 126, 2)]
+    (violation,) = flow.violations
+    assert violation.constraint == 'lost'
+    assert violation.message.endswith(
+        'messages before 0.080 s were lost, as the process that reads them was stopped'
+    )
+
+
 @given(
     gaps=st.lists(st.integers(0, 25), min_size=1, max_size=30),
     window=st.sampled_from([10, 20, 50]),

@@ -13,6 +13,7 @@ import numpy as np
 
 from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, listed, shortened
 from dyknow_stream_processing.dataflow.batches import Refusal, SampleBatch, refuse
+from dyknow_stream_processing.dataflow.built_in.topic_rate import RateOperator
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import (
@@ -319,6 +320,13 @@ class Dataflow:
         for source in self._graph.sources.get(topic, ()):
             for observer in source.observers:
                 observer.count_drops(reason, count)
+
+    def lose(self, topic: str) -> None:
+        """Let no rate of a topic count messages that are lost before the next one, not missing."""
+        sources = {*self._graph.sources.get(topic, ())}
+        for each in self._graph.operators(RateOperator):
+            if not sources.isdisjoint(each.sources):
+                each.lose()
 
     def dropped(self, topic: str) -> Counter[str]:
         """Return how many samples the operators of a topic alone have dropped, by reason."""

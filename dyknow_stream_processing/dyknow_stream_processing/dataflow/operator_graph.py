@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, cast
+from typing import Final, TypeVar, cast
 
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow.batches import (
@@ -56,6 +56,8 @@ from dyknow_stream_processing.language.specification import (
     Term,
 )
 from dyknow_stream_processing.language.type_rules import Unit
+
+OperatorT = TypeVar('OperatorT', bound=Operator)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +134,12 @@ class OperatorGraph:
 
     def ticks(self) -> Mapping[TickKey, int]:
         """Return the next tick of each periodic `sync` that has begun."""
-        found = [(each.tick_key, each.next_tick) for each in self._synchronised()]
+        found = [(each.tick_key, each.next_tick) for each in self.operators(SyncOperator)]
         return {key: tick for key, tick in found if key is not None and tick is not None}
 
     def set_ticks(self, ticks: Mapping[TickKey, int]) -> None:
         """Set the next tick of each periodic `sync` that has one here."""
-        for each in self._synchronised():
+        for each in self.operators(SyncOperator):
             if each.tick_key is not None:
                 each.next_tick = ticks.get(each.tick_key)
 
@@ -173,8 +175,9 @@ class OperatorGraph:
                 each.emitted_at = int(latest)
         return {each: plan.output for each, plan in plans.items()}
 
-    def _synchronised(self) -> list[SyncOperator]:
-        return [each for each in self._operators.values() if isinstance(each, SyncOperator)]
+    def operators(self, kind: type[OperatorT]) -> list[OperatorT]:
+        """Return the running operators of a kind."""
+        return [each for each in self._operators.values() if isinstance(each, kind)]
 
     def _constrained(
         self, term: Term, *, may_be_late: bool, arrival: _ArrivalChecks = _ArrivalChecks()

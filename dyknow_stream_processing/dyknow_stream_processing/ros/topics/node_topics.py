@@ -85,6 +85,8 @@ class NodeTopics:
         self._goes_on = self._node.create_guard_condition(self._go_on, self.group)
         self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
+        self.was_stopped = False
+        """True while messages are processed that waited in a pause of this process."""
         self._watched_at = 0
         self._restarts: tuple[Callable[[int], None], ...] = ()
         # By how much the clock of the host is ahead of the steady clock, at least.
@@ -210,8 +212,10 @@ class NodeTopics:
             self._taken += feed.take()
         if self._pause.goes_on(now):
             return False
-        if (began := self._pause.end()) is not None and not self.is_time_simulated:
-            self._taken = deque(_in_time(self._taken, began))
+        if (began := self._pause.end()) is not None:
+            self.was_stopped = True
+            if not self.is_time_simulated:
+                self._taken = deque(_in_time(self._taken, began))
         # A violation was published before the samples that it casts doubt on.
         for relay in filter(None, [feed.relay for feed in feeds]):
             relay.catch_up()
@@ -227,6 +231,8 @@ class NodeTopics:
         if self._taken:
             # Received after `now`, perhaps later than messages of topics that were read before.
             self._goes_on.trigger()
+        else:
+            self.was_stopped = False
         self._last_activity = time.monotonic_ns()
         return True
 

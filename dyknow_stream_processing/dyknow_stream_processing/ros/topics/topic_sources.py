@@ -200,6 +200,7 @@ class TopicSources:
             self._schedule,
             self._arrive,
             self._clock_tolerance,
+            lambda: self._topics.was_stopped,
         )
         remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
@@ -279,6 +280,7 @@ class _Source:
     schedule: Callable[[], None]
     arrive: Callable[[_Arrival], None]
     clock_tolerance: int
+    was_stopped: Callable[[], bool]
     clock: SenderClock = field(default_factory=SenderClock)
     before_sending: int = 0
     received: int = 0
@@ -414,6 +416,8 @@ class _Source:
     def on_dropped(self, reason: str, count: int) -> None:
         self.drops[reason] += count
         self.dataflow.drop(self.topic, reason, count)
+        if reason == ViolationKind.LOST and self.was_stopped():
+            self.dataflow.lose(self.topic)
 
     def on_violation(self, violation: Violation) -> None:
         self.dataflow.report(self.topic, violation)
