@@ -43,9 +43,8 @@ class Results:
     """
 
     def __init__(self, node: DyKnowNode, engine: str) -> None:
-        progress_topic = node.resolve_topic_name(f'{engine}/progress')
-        episodes_topic = node.resolve_topic_name(f'{engine}/episodes')
-        only_engine = only_from(progress_topic.removesuffix('/progress'))
+        progress_topic, episodes_topic = f'{engine}/progress', f'{engine}/episodes'
+        only_engine = only_from(node.resolve_topic_name(progress_topic).removesuffix('/progress'))
         # Each run of the coordinator has its own topic: results of former runs are obsolete.
         run = f'{node.started_at:x}_{secrets.token_hex(8)}'
         self.topic = f'{node.get_fully_qualified_name()}/_results_{run}'

@@ -54,7 +54,7 @@ class TypedOutput:
         self.topic = absolute_topic(node, topic, 'the topic of the sink')
         if self.topic in map(node.resolve_topic_name, sources):
             raise StreamError(f"the stream is made of '{self.topic}'; publish on another topic")
-        found = find_publication(node, self.topic)
+        found = find_publication(node, topic)
         if found is not None and found.type_name != sink_message.message_type:
             raise StreamError(
                 f"topic '{self.topic}' is published with the type {found.type_name}; "
@@ -62,9 +62,7 @@ class TypedOutput:
             )
         self._node = node
         try:
-            self._publisher = node.create_publisher(
-                self._writer.class_, self.topic, _QUALITY_OF_SERVICE
-            )
+            self._publisher = node.create_publisher(self._writer.class_, topic, _QUALITY_OF_SERVICE)
         except RCLError as error:
             raise StreamError(
                 f"topic '{self.topic}' cannot be published: {one_line(error)}; where ROS security "

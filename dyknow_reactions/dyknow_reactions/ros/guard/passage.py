@@ -80,7 +80,7 @@ class Passage:
     def refresh(self) -> None:
         """Match the subscription to the publishers of the input."""
         try:
-            found = find_publication(self._node, self._input)
+            found = find_publication(self._node, self._guard.input)
             if found is not None:
                 self._match(found)
             self.obstacle = self._missing_type
@@ -132,7 +132,7 @@ class Passage:
         self._class, self._type = class_, type_name
         self._publisher = self._node.create_publisher(
             class_,
-            self._output,
+            self._guard.output,
             QoSProfile(depth=QUEUE_DEPTH),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
@@ -142,7 +142,7 @@ class Passage:
         policy = ReliabilityPolicy
         self._subscription = self._node.create_subscription(
             self._class,
-            self._input,
+            self._guard.input,
             self._on_message,
             QoSProfile(
                 depth=QUEUE_DEPTH,

@@ -74,7 +74,8 @@ class PublishAction:
         self._node, self._trigger = node.node, trigger
         class_, self._template = template_of(trigger)
         self._topic = target_of(node.node, trigger)
-        self._publisher = node.node.create_publisher(class_, self._topic, _QUALITY_OF_SERVICE)
+        # Clients and publishers apply the remappings of the node by themselves.
+        self._publisher = node.node.create_publisher(class_, trigger.target, _QUALITY_OF_SERVICE)
 
     def begin(self, report: TriggerReport, end: End) -> GiveUp:
         """Publish the message, if there is a subscriber."""
@@ -107,7 +108,7 @@ class CallAction:
         self._node, self._trigger = node, trigger
         self._name = target_of(node.node, trigger)
         self._client = node.create_client(
-            class_, self._name, callback_group=ReentrantCallbackGroup()
+            class_, trigger.target, callback_group=ReentrantCallbackGroup()
         )
 
     def begin(self, report: TriggerReport, end: End) -> GiveUp:

@@ -166,8 +166,8 @@ def _types(node: Node, trigger: Trigger, name: str) -> set[str]:
     if _KEYS[trigger.kind] == 'action':
         of_node = partial(get_action_server_names_and_types_by_node, node)
         return _server_types(node, name, of_node)
-    subscribed = {each.topic_type for each in node.get_subscriptions_info_by_topic(name)}
-    published = {each.topic_type for each in node.get_publishers_info_by_topic(name)}
+    subscribed = {each.topic_type for each in node.get_subscriptions_info_by_topic(trigger.target)}
+    published = {each.topic_type for each in node.get_publishers_info_by_topic(trigger.target)}
     return subscribed or (set() if trigger.type_name in published else published)
 
 

@@ -132,8 +132,9 @@ class NodeTopics:
             # Only a new subscription receives the messages that the publishers keep.
             key = (*key, object())
         if key not in self._feeds:
-            required_type = None if message_type is None else type_name_of(message_type)
-            self._feeds[key] = TopicFeed(self, self._node, name, quality_of_service, required_type)
+            required = None if message_type is None else type_name_of(message_type)
+            feed = TopicFeed(self, self._node, name, quality_of_service, required, written=topic)
+            self._feeds[key] = feed
         feed = self._feeds[key]
         feed.listeners = (*feed.listeners, listener)
         self._changed.append(feed)

@@ -95,9 +95,12 @@ class TopicFeed:
     refusal: str = ''
     latest_receipt: int = 0
     subscribed_at: int = 0
+    written: str = ''
+    """The name that rclpy makes the absolute one of by its remappings; by default the latter."""
 
     def __post_init__(self) -> None:
-        self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
+        self.written = self.written or self.topic
+        self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.written), self._on_gap)
 
     @property
     def has_publishers(self) -> bool:
@@ -131,7 +134,7 @@ class TopicFeed:
         if self.refusal or requested is None:
             self._set_fault(self.refusal)
         else:
-            self._set_fault(incompatible_publisher(self.node, self.topic, requested))
+            self._set_fault(incompatible_publisher(self.node, self.written, requested))
         self._inform(class_, request)
         held, self.request = self.request, request
         try:
@@ -236,7 +239,7 @@ class TopicFeed:
                 self.node.get_logger().error(f"topic '{self.topic}': {error}")
 
     def _next_request(self) -> Publication | None:
-        found, required = find_publication(self.node, self.topic), self.required_type
+        found, required = find_publication(self.node, self.written), self.required_type
         if found is None:
             return self.request or (None if required is None else Publication(required))
         if required not in {None, found.type_name}:
@@ -269,14 +272,19 @@ class TopicFeed:
         group = self.topics.group
         if is_sample(class_):
             self.relay = ViolationRelay(
-                self.node, self.topic, group, self.topics.heartbeats, self._on_violation
+                self.node,
+                self.topic,
+                group,
+                self.topics.heartbeats,
+                self._on_violation,
+                self.written,
             )
             self.relay.refresh()
         self.topics.watermarks.refresh()
         self.subscribed_at = time_ns()
         self.subscription = self.node.create_subscription(
             class_,
-            self.topic,
+            self.written,
             # The type hints of rclpy omit callbacks with a message info.
             cast('Any', self._on_message),
             self.quality_of_service or request.quality_of_service,

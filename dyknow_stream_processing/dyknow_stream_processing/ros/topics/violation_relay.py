@@ -44,6 +44,7 @@ class ViolationRelay:
     Args:
         topic: the topic of the samples.
         heartbeats: the heartbeats that the node receives.
+        written: the name of which the node makes `topic` by its remappings.
     """
 
     def __init__(
@@ -53,8 +54,10 @@ class ViolationRelay:
         group: CallbackGroup,
         heartbeats: Heartbeats,
         on_violation: Callable[[Violation], None],
+        written: str,
     ) -> None:
         self._node = node
+        self._written = written
         self._topic = topic
         self._group = group
         self._heartbeats = heartbeats
@@ -70,7 +73,7 @@ class ViolationRelay:
         if self._watch is None and self._node.count_publishers(topic):
             self._watch = PublisherWatch(self._heartbeats, topic, self._report_loss)
             self._guard = MessageGuard(
-                self._node, topic, self._on_message, only_publishers_of(self._node, self._topic)
+                self._node, topic, self._on_message, only_publishers_of(self._node, self._written)
             )
             self._subscription = self._node.create_subscription(
                 ConstraintViolation,
@@ -120,5 +123,5 @@ class ViolationRelay:
 
     def _report(self, kind: ViolationKind, message: str) -> None:
         now = self._node.get_clock().now().nanoseconds
-        text = f"stream '{self._topic}': {message}{publishers_remark(self._node, [self._topic])}"
+        text = f"stream '{self._topic}': {message}{publishers_remark(self._node, [self._written])}"
         self._on_violation(Violation(self._topic, kind, now, now, 0, 0, text))
