@@ -484,3 +484,16 @@ def test_health() -> None:
     ]
     table.update([alive], STALE_NS)
     assert table.document()['diagnoses'] == []
+
+
+def test_a_run_after_simulated_time_was_set_back_is_the_latest() -> None:
+    failed = replace(POWER, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE)
+    board = board_of(failed)
+    board.formulas.update([failed], failed.started + SECOND_NS)
+    again = replace(failed, started=2 * SECOND_NS)
+    for now in (3, 4, 100):
+        board.formulas.update([failed, again], now * SECOND_NS)
+        assert [each['group'] for each in board.formulas.rows()] == ['failing', 'earlier']
+        known = board.formulas.by_key()
+        started = [known[key].started for key in board.formulas.keys()]  # noqa: SIM118
+        assert started == [2 * SECOND_NS, failed.started]

@@ -180,3 +180,17 @@ def test_without_a_robot_there_is_no_map() -> None:
     board = Board(lambda: 0)
     board.report([RUNNING], 10 * SECOND_NS)
     assert 'map' not in messages(board, opened(board))
+
+
+def test_a_track_begins_anew_when_simulated_time_is_set_back() -> None:
+    board = board_of(FALSE)
+    assert shown(board, FALSE)[1] == 11
+    again = replace(RUNNING, started=2 * SECOND_NS, latest_valid_time=3 * SECOND_NS)
+    board.report([FALSE, again], 3 * SECOND_NS)
+    board.map.add([place('r1', t * SECOND_NS, 1.0, 1.0) for t in (3, 4)])
+    old, new = board.formulas.by_key().items()
+    lengths = []
+    for key, status in sorted([old, new], key=lambda each: each[1].started):
+        tracks = drawn(board.map.image(key, status)).findall('polyline')
+        lengths.append(sum(len(each.get('points', '').split()) for each in tracks))
+    assert lengths == [2, 11]

@@ -101,8 +101,10 @@ class FormulaTable:
 
     def __init__(self) -> None:
         self._known: dict[str, MonitoredEvaluation] = {}
-        self._latest: dict[str, int] = {}
+        self._latest: dict[str, tuple[bool, int]] = {}
         """The start of the latest evaluation of each name that has had a state or has ended."""
+        self._former: set[tuple[str, int]] = set()
+        """The names and starts of evaluations from before simulated time was set back."""
         self._now = 0
         self.version = 0
         self.hidden = 0
@@ -110,6 +112,9 @@ class FormulaTable:
 
     def update(self, statuses: Sequence[EvaluationStatus], now: int) -> None:
         """Take a report of the coordinator, of a time in nanoseconds."""
+        if now < self._now:
+            found = {(each.status.name, each.status.started) for each in self._known.values()}
+            self._former = {each for each in found if each[1] > now or each in self._former}
         self._now = now
         self.hidden = max(len(statuses) - MAX_SHOWN, 0)
         known, reported = self._known, dict(keyed(statuses))
@@ -127,8 +132,8 @@ class FormulaTable:
         # Those that are not shown count, too.
         for status in (*statuses, *(each.status for each in known.values())):
             if status.states_progressed or status.phase is EvaluationPhase.ENDED:
-                latest = self._latest.get(status.name, status.started)
-                self._latest[status.name] = max(latest, status.started)
+                start = self._start(status)
+                self._latest[status.name] = max(self._latest.get(status.name, start), start)
         self.version += 1
 
     def get(self, key: str) -> MonitoredEvaluation | None:
@@ -225,11 +230,16 @@ class FormulaTable:
 
     def _group(self, status: EvaluationStatus) -> str:
         """Return one of GROUPS."""
-        if status.phase is EvaluationPhase.ENDED and status.started < self._latest[status.name]:
+        is_ended = status.phase is EvaluationPhase.ENDED
+        if is_ended and self._start(status) < self._latest[status.name]:
             return 'earlier'
         if _has_failed(status):
             return 'failing'
-        return 'ended' if status.phase is EvaluationPhase.ENDED else 'running'
+        return 'ended' if is_ended else 'running'
+
+    def _start(self, status: EvaluationStatus) -> tuple[bool, int]:
+        """Return what is greater for evaluations that began later, whatever the clock was."""
+        return (status.name, status.started) not in self._former, status.started
 
     def _rank(self, evaluation: MonitoredEvaluation) -> tuple[int, int]:
         """Return the place of an evaluation: its group, then the latest failure or end first."""

@@ -49,6 +49,7 @@ class LiveMap:
         self._known = known
         self._traces: dict[str, deque[tuple[int, Mapping[str, Value]]]] = {}
         self._ended: dict[str, str] = {}
+        self._now = 0
         self.streams: Mapping[str, str] = {}
         """The stream of each object that a running formula is about."""
 
@@ -57,17 +58,25 @@ class LiveMap:
         if not self._known.frame:
             return
         self._ended = {key: each for key, each in self._ended.items() if key in evaluations}
+        was, self._now = self._now, now
         running: list[EvaluationStatus] = []
         for key, status in evaluations.items():
             if key in self._ended:
                 continue
-            if status.phase is EvaluationPhase.ENDED and self._is_complete(status, now):
+            # After simulated time was set back, no position from before comes.
+            is_past = now < was and (status.decided_at or 0) > now
+            is_complete = is_past or self._is_complete(status, now)
+            if status.phase is EvaluationPhase.ENDED and is_complete:
                 self._ended[key] = self._drawn(status)
             else:
                 running.append(status)
         names = {name for each in running for name in objects_of(each.groundings)}
         self.streams = {name: text for name, text in self._known.streams.items() if name in names}
-        self._traces = {name: each for name, each in self._traces.items() if name in names}
+        self._traces = {
+            name: each
+            for name, each in self._traces.items()
+            if name in names and not (now < was and each[-1][0] > now)
+        }
 
     def _is_complete(self, status: EvaluationStatus, now: int) -> bool:
         """Return True if all positions at the end of a formula have come, or will not come."""
