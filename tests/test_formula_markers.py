@@ -56,6 +56,10 @@ class View:
         self.reporter.close()
         assert code == 0
 
+    def stop(self, vehicle: str) -> None:
+        """Publish no more odometry of a vehicle."""
+        del self._publishers[vehicle]
+
     def subscribe(self) -> None:
         """Subscribe to the markers."""
         self.node.create_subscription(MarkerArray, MARKERS, self.received.append, 10)
@@ -139,6 +143,14 @@ def test_evaluations_of_a_coordinator_without_heartbeats_are_not_drawn(view: Vie
         lambda: not any(view.node.count_subscribers(f'/{each}/odometry') for each in PLACES),
         'the node subscribes to no vehicle',
     )
+
+
+def test_a_vehicle_without_odometry_is_not_drawn_any_more(view: View) -> None:
+    view.reporter.tell(view.separation())
+    view.subscribe()
+    view.until_drawn([GREEN])
+    view.stop('uav2')
+    view.until_drawn([])
 
 
 def test_a_fence_lies_around_the_vehicles(view: View) -> None:

@@ -71,6 +71,7 @@ class FormulaMarkers(DyKnowNode):
         self._statuses: list[EvaluationStatus] = []
         self._subscriptions_by_vehicle: dict[str, Any] = {}
         self._positions: dict[str, Point] = {}
+        self._received_at: dict[str, int] = {}
         self._frame = ''
         self._frame_warning = Throttle(WARNING_PERIOD_S)
         self.create_report_subscription(
@@ -122,6 +123,11 @@ class FormulaMarkers(DyKnowNode):
         for vehicle in vehicles:
             if vehicle not in self._subscriptions_by_vehicle:
                 self._subscriptions_by_vehicle[vehicle] = self._subscription(vehicle)
+        now = self.now()
+        # A vehicle may be elsewhere since; simulated time may have been set back.
+        for vehicle in [*self._positions]:
+            if not 0 <= now - self._received_at[vehicle] <= LIFETIME_NS:
+                del self._positions[vehicle]
         if not self._positions:
             self._frame = ''
 
@@ -149,6 +155,7 @@ class FormulaMarkers(DyKnowNode):
             return
         position = odometry.pose.pose.position
         self._positions[vehicle] = (position.x, position.y, position.z)
+        self._received_at[vehicle] = self.now()
 
     def _message(self, marker: Marker) -> MarkerMessage:
         red, green, blue, opacity = marker.colour
