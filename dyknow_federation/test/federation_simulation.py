@@ -190,7 +190,7 @@ class Simulation:
 
     def _host(self, name: str) -> Host:
         random, most = self.random, self.conditions.offset
-        offset = 1_000 * SECOND_NS + random.randint(-most, most)
+        offset = 10_000 * SECOND_NS + random.randint(-most, most)
         drift = random.uniform(-1, 1) * self.conditions.drift_ppm * 1e-6
         incarnation = random.getrandbits(60)
         period, deadband = random.choice((100, 200, 500)) * MS, None
@@ -420,7 +420,7 @@ class Simulation:
         return verdict
 
     def _judge(self) -> Outcome:
-        offsets = [round((each.clock.offset / SECOND_NS) - 1000, 3) for each in self.hosts]
+        offsets = [round((each.clock.offset / SECOND_NS) - 10_000, 3) for each in self.hosts]
         detail = f'{self.formula}, period {self._period / SECOND_NS} s, offsets {offsets}'
         allowed = self._is_allowed()
         if self.error:

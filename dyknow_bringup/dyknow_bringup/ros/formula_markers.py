@@ -43,6 +43,9 @@ from dyknow_recordings.markers import (
 WARNING_PERIOD_S = 60.0
 """Time between two warnings about vehicles in different frames."""
 
+POSITION_AGE_NS: Final = 3 * SECOND_NS
+"""The age from which on a position is not drawn any more."""
+
 # Not latched: a late subscriber gets the next markers after a period.
 MARKERS = QoSProfile(depth=1)
 
@@ -126,7 +129,7 @@ class FormulaMarkers(DyKnowNode):
         now = self.now()
         # A vehicle may be elsewhere since; simulated time may have been set back.
         for vehicle in [*self._positions]:
-            if not 0 <= now - self._received_at[vehicle] <= LIFETIME_NS:
+            if not 0 <= now - self._received_at[vehicle] <= POSITION_AGE_NS:
                 del self._positions[vehicle]
         if not self._positions:
             self._frame = ''
