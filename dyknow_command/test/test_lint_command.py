@@ -267,6 +267,19 @@ def test_correct_files(files: list[Path], checked: str, capsys: pytest.CaptureFi
     assert (code, shown) == (0, f'{", ".join(map(str, files))}: {checked}nothing to mend\n')
 
 
+def test_statements_of_ontologies_in_vain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ontology = tmp_path / 'rover.owl'
+    text = (
+        (ROVER / 'rover.owl').read_text(encoding='utf-8').replace('dyknow:unit>', 'dyknow:units>')
+    )
+    ontology.write_text(text, encoding='utf-8')
+    code, shown = lint(capsys, ontology)
+    assert code == 1
+    assert f"{ontology}: warning: DyKnow's ontology has no term 'units'; did you mean" in shown
+
+
 def test_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(LINTED)
     code, shown = lint(capsys, 'formulas.txt', '--json')

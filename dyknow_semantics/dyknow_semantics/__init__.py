@@ -34,6 +34,7 @@ from dyknow_semantics.ontology.features import FeatureSignature
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
+from dyknow_semantics.ontology.terms import void_statements
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
 
 __all__ = [
@@ -71,4 +72,5 @@ __all__ = [
     'parse_annotations',
     'parse_bridges',
     'parse_concept',
+    'void_statements',
 ]

@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 from dataclasses import replace
 from difflib import SequenceMatcher
 
-from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
+from dyknow_command.linting.findings import FilePlace, Finding, FindingLevel, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs, PlacedFormula
 from dyknow_command.observing import absolute_topic
 from dyknow_common import (
@@ -44,6 +44,7 @@ from dyknow_semantics import (
     check_fields,
     parse_annotations,
     parse_bridges,
+    void_statements,
 )
 from dyknow_stream_processing import (
     WHOLE,
@@ -96,7 +97,7 @@ class VocabularyChecks:
             *stream_findings(inputs, self._contents),
         ]
         yield from found
-        if found:
+        if any(each.level is FindingLevel.ERROR for each in found):
             return
         try:
             vocabulary = load_vocabulary(inputs.files, self._contents)
@@ -367,7 +368,8 @@ def _stream_place(inputs: LintInputs, source: TextSource, name: str) -> FilePlac
 
 
 def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
-    """Yield the ontologies that cannot be loaded."""
+    """Yield the ontologies that cannot be loaded, and what others state in vain."""
+    known: set[str] = set()
     with Ontology() as ontology:
         for source in inputs.files.ontologies:
             try:
@@ -377,6 +379,11 @@ def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
                     ontology.load(source)
             except DyKnowError as error:
                 yield error_at(FilePlace(str(source)), error)
+                continue
+            for text in void_statements(ontology.triples, ontology.knowledge):
+                if text not in known:
+                    known.add(text)
+                    yield warning_at(FilePlace(str(source)), text)
 
 
 def _reason(error: DyKnowError) -> str:

@@ -19,6 +19,7 @@ from dyknow_semantics import (
     parse_annotations,
     parse_bridges,
     parse_concept,
+    void_statements,
 )
 
 
@@ -66,7 +67,8 @@ class SemanticVocabulary(Vocabulary):
         knowledge = self._ontology.knowledge
         checks = check_annotations(annotations, fields, knowledge.stated, origins)
         self.knowledge = knowledge
-        self.notes = (*self._ontology.bridge_faults, *checks.messages)
+        void = void_statements(self._ontology.triples, knowledge)
+        self.notes = (*self._ontology.bridge_faults, *void, *checks.messages)
         self._matcher = Matcher(knowledge)
         self._matcher.set_annotations(annotations, checks.field_faults)
 
