@@ -345,7 +345,7 @@ def test_a_coordinator_that_dies_meanwhile(
         for answer in told:
             assert answer.error is not None
             assert answer.error.code is ExitCode.UNAVAILABLE
-            assert 'has died' in answer.error.message
+            assert 'has died or was stopped' in answer.error.message
 
         system.restart('stream_reasoning_coordinator')
         system.client.wait_for_coordinator()

@@ -164,7 +164,7 @@ def test_another_monitor_tells_that_nothing_is_evaluated_any_more(tmp_path: Path
             process = monitor.enter_context(process_of(*line, environment=environment))
             shown = Terminal(process)
             wait_for(shown, '"undecided"')
-        wait_for(shown, 'does not run any more')
+        wait_for(shown, 'does not answer any more')
         with up(environment, str(robot)):
             wait_for(shown, '"undecided"', 2)
             level = 7.0

@@ -280,6 +280,18 @@ def test_statements_of_ontologies_in_vain(
     assert f"{ontology}: warning: DyKnow's ontology has no term 'units'; did you mean" in shown
 
 
+def test_a_list_is_no_description_of_a_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text('# mine\n- a\n- b\n', encoding='utf-8')
+    code, shown = lint(capsys, path)
+    assert code == 1
+    assert f'{path}:2:1: error: this is a list, ' in shown
+    assert 'a robot.yaml is a mapping, with keys such as formulas\n' in shown
+    assert f'{path}:2:3: error: there is no file ' in shown
+
+
 def test_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(LINTED)
     code, shown = lint(capsys, 'formulas.txt', '--json')

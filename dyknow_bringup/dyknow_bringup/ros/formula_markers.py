@@ -97,7 +97,7 @@ class FormulaMarkers(DyKnowNode):
         self._statuses = [status_from_message(each) for each in report.evaluations]
 
     def _forget(self) -> None:
-        """Show no evaluation of a coordinator that does not run any more."""
+        """Show no evaluation of a coordinator that does not answer any more."""
         self._statuses = []
 
     def _publish_markers(self) -> None:

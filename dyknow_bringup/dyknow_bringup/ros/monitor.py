@@ -66,7 +66,10 @@ NOT_MONITORED: Final = (
     f'which its log has, or it is not in the file that {MONITOR} was started with; start that anew'
 )
 
-NOT_RUNNING: Final = 'the coordinator does not run any more; start "dyknow up" again'
+NOT_RUNNING: Final = (
+    'the coordinator does not answer any more: it has ended or was stopped; unless "dyknow up" '
+    'still runs and restarts it, start "dyknow up" again'
+)
 
 NOTICE_S = 3.0
 """Time without a connection after which a warning says what is waited for."""

@@ -156,7 +156,13 @@ def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
         try:
             formulas = read_formulas(path)
         except ConfigurationError as error:
-            inputs.findings.append(robot_error(error, str(path)))
+            faults = [error]
+            if not any(each.is_mapping for each in document.items()):
+                text = (
+                    'this is a list, so its texts name files of formulas; a robot.yaml is a mapping'
+                )
+                faults.insert(0, document.error(f'{text}, with keys such as formulas'))
+            inputs.findings += [robot_error(each, str(path)) for each in faults]
             return
         inputs.formulas += _placed(formulas, document)
         return

@@ -193,7 +193,7 @@ class RemoteNode:
             if self._liveliness.signs >= signs:
                 return
             await self._node.deadlines.after(POLL_PERIOD_S)
-        raise self.unavailable('has died')
+        raise self.unavailable('has died or was stopped')
 
     def release(self) -> None:
         """Destroy the subscription and the clients; pending calls fail with CANCELLED."""
@@ -207,7 +207,7 @@ class RemoteNode:
         self._clients.clear()
 
     def unavailable(self, reason: str) -> DyKnowError:
-        """Return the error that the node `has died`, or another one."""
+        """Return the error that the node `has died or was stopped`, or another one."""
         return DyKnowError(f'node {self.name} {reason}', ExitCode.UNAVAILABLE)
 
     def missing(self, patience_s: float) -> DyKnowError:
@@ -254,7 +254,7 @@ class RemoteNode:
         run = self._liveliness.alive_since
         if self._run and run != self._run:
             self._run = 0
-            self._fail_calls(self.unavailable('has died'))
+            self._fail_calls(self.unavailable('has died or was stopped'))
             _notify(self.on_lost)
         # If the node was only out of reach, its last status still holds.
         if run and not self._run and run in self._statuses:

@@ -201,7 +201,7 @@ class ActionCall:
         self._await(answer)
 
     def _on_server_lost(self) -> None:
-        error = self._server.unavailable('has died')
+        error = self._server.unavailable('has died or was stopped')
         self._end(None, error, lambda: self._server.on_found.append(self._on_server_found))
 
     def _on_server_found(self) -> None:

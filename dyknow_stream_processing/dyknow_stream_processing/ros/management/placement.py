@@ -450,7 +450,7 @@ class Placement:
             is_recreated=bool(stream.lost),
         )
         if not self._engines.is_ready(engine):
-            raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
+            raise DyKnowError(f'node {engine} has died or was stopped', ExitCode.UNAVAILABLE)
         self._engines.discard_report(engine, stream.name)
         return response
 
