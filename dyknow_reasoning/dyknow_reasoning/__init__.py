@@ -38,7 +38,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.interval import Interval
-from dyknow_reasoning.language.parsing import parse_constants, parse_formula
+from dyknow_reasoning.language.parsing import parse_constants, parse_formula, stated_units
 from dyknow_reasoning.language.quantities import mixed_units
 from dyknow_reasoning.language.soon import ForecastBound, ForecastFeature
 from dyknow_reasoning.language.spatial import Over
@@ -182,6 +182,7 @@ __all__ = [
     'read_domains',
     'read_trace',
     'start_verdicts',
+    'stated_units',
     'symbols_of',
     'walk',
     'with_changed_parts',

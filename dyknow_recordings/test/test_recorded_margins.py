@@ -72,6 +72,14 @@ def test_margins_in_json(recording: Path, formula: str, expected: list[dict[str,
         assert found['formula'] == 'forall r in Robot: (always (LaserRange[r] > 1))'
 
 
+def test_units_that_a_formula_states(recording: Path) -> None:
+    """The formula of a black box states the units, as the ontology is not there."""
+    text = 'let MotorPower: "W" in (always MotorPower < 0.15 "kW")'
+    [found] = run_check(recording, '--margins', '--json', '--formula', text).formulas
+    (episode,) = found['episodes']
+    assert episode['margin'] == margin('-inf', 7.5, 'MotorPower < 150.0', 'W')
+
+
 def test_the_worst_margin_of_several_episodes(recording: Path, tmp_path: Path) -> None:
     report = tmp_path / 'report.xml'
     # Of the states at 0 s and 2 s.

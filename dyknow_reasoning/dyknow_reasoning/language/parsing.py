@@ -105,6 +105,17 @@ def parse_constants(texts: Mapping[str, str]) -> Constants:
     return tuple(found)
 
 
+def stated_units(text: str, constants: Constants = NO_CONSTANTS) -> Mapping[str, str]:
+    """Return the units of features and references that the text of a formula states by `let`.
+
+    Raises:
+        LanguageError: for a text that is not a formula.
+    """
+    with LANGUAGE.errors_in(text):
+        formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))
+        return without_lets(formula, constants)[1]
+
+
 def _parse(text: str, constants: Constants) -> Formula:
     with LANGUAGE.errors_in(text):
         formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))

@@ -39,6 +39,7 @@ from dyknow_reasoning import (
     is_uncertain,
     literal_of,
     parse_formula,
+    stated_units,
 )
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
@@ -131,9 +132,17 @@ class FormulaGrounder:
         inputs = FormulaInputs(
             symbols, Grounding.AUTO, features, candidates, domains, self._constraints, unknown
         )
-        units = _finished(feature_units(symbols, self._query))
+        units = self._units(symbols, formula, constants)
         begin = texts[1] if trigger else ''
         return GroundedFormula(texts[0], begin, inputs, units, margin, asked)
+
+    def _units(
+        self, symbols: Sequence[Symbol], formula: str, constants: Constants
+    ) -> dict[str, str]:
+        """Return the units of features; a text that was completed elsewhere may state some."""
+        known = _finished(feature_units(symbols, self._query))
+        stated = stated_units(formula, constants).items()
+        return {**known, **{name: unit for name, unit in stated if not known.get(name)}}
 
     def _probability(self, formula: str, constants: Constants) -> str:
         """Return the canonical text that asks for the probability of a formula; may be empty."""
