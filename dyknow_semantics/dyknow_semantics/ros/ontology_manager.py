@@ -33,6 +33,7 @@ from dyknow_semantics.ontology.new_entities import assumed_signature
 from dyknow_semantics.ontology.ontology import Ontology, Row
 from dyknow_semantics.ontology.queries import answer_query, check_query
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
+from dyknow_semantics.ontology.terms import void_statements
 from dyknow_semantics.ros.inference import Inference, Worker
 from dyknow_semantics.ros.mirrors import VersionPublisher, read_bridges
 from dyknow_semantics.workers import Work
@@ -76,6 +77,8 @@ class OntologyManager(DyKnowNode):
         for path_or_iri in self._files:
             known = self._ontology.ontologies
             self._ontology.add(self._work.read_configured(path_or_iri, known))
+        self._warned: set[str] = set()
+        self._warn_of_void_statements()
         self._ontology.limit_growth(limits.access.max_statements)
         self._inference = Inference(self, self._ontology, process, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
@@ -138,6 +141,13 @@ class OntologyManager(DyKnowNode):
             )
         known = self._ontology.ontologies
         await self._inference.load(self._work.read(request, known))
+        self._warn_of_void_statements()
+
+    def _warn_of_void_statements(self) -> None:
+        for each in void_statements(self._ontology.triples, self._ontology.knowledge):
+            if each not in self._warned:
+                self._warned.add(each)
+                self.get_logger().warning(each)
 
     async def _query(self, request: Any, response: Any) -> None:
         if request.sparql == ALL_TRIPLES:
