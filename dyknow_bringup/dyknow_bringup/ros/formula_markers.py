@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from builtin_interfaces.msg import Duration
 from dyknow_interfaces.msg import EvaluationStatusArray
