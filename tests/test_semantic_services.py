@@ -91,6 +91,18 @@ def test_an_ontology_is_loaded_from_a_file_or_a_text(nodes: Nodes, tmp_path: Pat
         nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
 
 
+def test_what_an_ontology_says_in_vain_is_logged(nodes: Nodes) -> None:
+    term = '<http://www.dyknow.org/ontology#units>'
+    nodes.obtain(
+        ONTOLOGY,
+        srv.OntologyLoad,
+        content=f'{KITE}<http://k.org/a> {term} "m" .\n',
+        format='ntriples',
+    )
+    assert any("no term 'units'" in line for line in nodes.log(ONTOLOGY))
+    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
+
+
 def test_the_ontology_is_queried(nodes: Nodes) -> None:
     answer = nodes.obtain(
         ONTOLOGY,
