@@ -53,7 +53,7 @@ def test_no_window_with_lost_messages_has_a_rate(flow: Flow, *, is_noticed_late:
     (violation,) = flow.violations
     assert violation.constraint == 'lost'
     assert violation.message.endswith(
-        'messages before 0.080 s were lost, as the process that reads them was stopped'
+        'messages before 0.080 s were lost, as their reader was stopped or had no processor'
     )
 
 

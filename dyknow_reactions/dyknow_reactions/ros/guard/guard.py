@@ -166,7 +166,7 @@ class GuardNode(DyKnowNode):
         """Return the monotonic time, after a look whether the process was stopped before."""
         now = time.monotonic_ns()
         if PAUSES.unsettled_for(now) is not None:
-            self._gate.interrupt(now, 'the guard itself was stopped')
+            self._gate.interrupt(now, 'the guard itself was stopped or had no processor')
         return now
 
     def _on_message(self, data: bytes, info: Mapping[str, Any]) -> None:

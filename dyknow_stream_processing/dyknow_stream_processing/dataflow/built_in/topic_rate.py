@@ -12,6 +12,8 @@ from dyknow_stream_processing.dataflow.operators import NormalWait, Operator, Wi
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
+_STOPPED: Final = 'as their reader was stopped or had no processor'
+
 _SAMPLES: Final = 10
 """The samples of a rate in each window."""
 
@@ -45,8 +47,7 @@ class RateOperator(SynchronisedOperator):
         """Note the time of a message, and make the samples that it makes certain."""
         if self._has_lost:
             self._has_lost, self._first = False, valid_time
-            time = round_time(valid_time)
-            text = f'messages before {time} were lost, as the process that reads them was stopped'
+            text = f'messages before {round_time(valid_time)} were lost, {_STOPPED}'
             self._violate(Fault(ViolationKind.LOST, valid_time, text))
         self._times.append(valid_time)
         if valid_time > max(self._tracks[port].last[0], self._last_tick):
