@@ -225,6 +225,7 @@ def main() -> None:
     for some in [[each] for each in rows] if arguments.each else [rows]:
         with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
             logs = arguments.logs or Path(folder)
+            logs.mkdir(parents=True, exist_ok=True)
             if arguments.each:
                 logs /= some[0]
                 logs.mkdir(exist_ok=True)
