@@ -8,6 +8,7 @@ from dyknow_common.ros.below_rclpy.executor import (
     supports_node_executor,
 )
 from dyknow_common.ros.below_rclpy.senders import GID, full_name
+from dyknow_common.ros.callback_groups import PrunedCallbackGroup
 from dyknow_common.ros.commands import (
     CommandNode,
     command_main,
@@ -94,6 +95,7 @@ __all__ = [
     'NodeAdapter',
     'NodeExecutor',
     'ParameterLimits',
+    'PrunedCallbackGroup',
     'PublisherWatch',
     'RCLError',
     'Refusal',

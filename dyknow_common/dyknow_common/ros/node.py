@@ -16,11 +16,11 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, one_line, shortened
+from dyknow_common.ros.callback_groups import PrunedCallbackGroup
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.guards import NodeEndError, create_guarded_subscription, only_owner
 from dyknow_common.ros.heartbeat import NodeHeartbeat
@@ -69,7 +69,7 @@ class DyKnowNode(Node):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.reentrant = ReentrantCallbackGroup()
+        self.reentrant = PrunedCallbackGroup()
         # Runs also while simulated time stands still.
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.deadlines = Deadlines(self, self.wall_clock)

@@ -20,13 +20,13 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode, exit_code
+from dyknow_common.ros.callback_groups import PrunedCallbackGroup
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.liveliness import Heartbeats
@@ -58,7 +58,7 @@ class NodeAdapter:
 
     def __init__(self, node: Node) -> None:
         self.node = node
-        self.reentrant = ReentrantCallbackGroup()
+        self.reentrant = PrunedCallbackGroup()
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer = node.create_timer
         self.destroy_subscription = node.destroy_subscription

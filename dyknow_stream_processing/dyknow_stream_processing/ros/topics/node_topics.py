@@ -25,14 +25,14 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, ClassVar, Final
 from weakref import WeakKeyDictionary, proxy
 
-from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import Heartbeats, is_time_simulated
+from dyknow_common.ros import Heartbeats, PrunedCallbackGroup, is_time_simulated
 from dyknow_stream_processing.ros.messages.message_types import type_name_of
 from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, is_pause_recent
 from dyknow_stream_processing.ros.topics.topic_feed import (
@@ -76,7 +76,7 @@ class NodeTopics:
         self._feeds: dict[Any, TopicFeed] = {}
         # With new listeners.
         self._changed: list[TopicFeed] = []
-        self.group = ReentrantCallbackGroup()
+        self.group = PrunedCallbackGroup()
         self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
         self.watermarks = WatermarkSubscriptions(self._node, self.group, self._feeds.values)
