@@ -32,6 +32,7 @@ from dyknow_reasoning.language.constants import (
     NO_CONSTANTS,
     Constant,
     Constants,
+    Units,
     constants_of,
     literal_of,
     without_lets,
@@ -88,7 +89,7 @@ def parse_formula(text: str, constants: Constants = NO_CONSTANTS) -> Formula:
     Raises:
         LanguageError: with the position, for a text that is not a formula.
     """
-    return (_parse_again if len(text) <= _MAX_KEPT else _parse)(text, constants)
+    return _parse(text, constants)[0]
 
 
 def parse_constants(texts: Mapping[str, str]) -> Constants:
@@ -105,18 +106,20 @@ def parse_constants(texts: Mapping[str, str]) -> Constants:
     return tuple(found)
 
 
-def stated_units(text: str, constants: Constants = NO_CONSTANTS) -> Mapping[str, str]:
+def stated_units(text: str, constants: Constants = NO_CONSTANTS) -> Units:
     """Return the units of features and references that the text of a formula states by `let`.
 
     Raises:
         LanguageError: for a text that is not a formula.
     """
-    with LANGUAGE.errors_in(text):
-        formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))
-        return without_lets(formula, constants)[1]
+    return _parse(text, constants)[1]
 
 
-def _parse(text: str, constants: Constants) -> Formula:
+def _parse(text: str, constants: Constants) -> tuple[Formula, Units]:
+    return (_parse_again if len(text) <= _MAX_KEPT else _parse_once)(text, constants)
+
+
+def _parse_once(text: str, constants: Constants) -> tuple[Formula, Units]:
     with LANGUAGE.errors_in(text):
         formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))
         uncertainties = stated_uncertainties(formula)
@@ -124,10 +127,10 @@ def _parse(text: str, constants: Constants) -> Formula:
         check_limits(formula)
         formula = with_uncertain_features(without_soon(formula), uncertainties)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
-        return with_links(resolved)
+        return with_links(resolved), units
 
 
-_parse_again = lru_cache(1024)(_parse)
+_parse_again = lru_cache(1024)(_parse_once)
 
 
 def _shallow(node: Any) -> Any:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.resources import files
 from typing import Final
 
 from dyknow_common import shortened
 from dyknow_semantics.ontology import vocabulary
+from dyknow_semantics.ontology.documents.sources import upper_ontology
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri, suggestion
 
@@ -46,5 +46,4 @@ def void_statements(triples: Iterable[Triple], knowledge: Knowledge) -> Iterator
 
 @cache
 def _upper_terms() -> frozenset[str]:
-    text = files(__package__).joinpath('dyknow.owl').read_text(encoding='utf-8')
-    return frozenset(re.findall(r'rdf:about="#(\w+)"', text))
+    return frozenset(re.findall(r'rdf:about="#(\w+)"', upper_ontology().decode()))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Final, Self
 
 import numpy as np
@@ -26,7 +27,7 @@ from dyknow_stream_processing.dataflow.operators import (
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.errors import StreamError, unknown_stream
-from dyknow_stream_processing.language.required_fields import Demand, total_demand
+from dyknow_stream_processing.language.required_fields import Demand, joined_demands, total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
 from dyknow_stream_processing.language.specification import Specification, Term, references
 from dyknow_stream_processing.language.type_rules import Unit
@@ -212,11 +213,8 @@ class Dataflow:
         The name `ALL` among them stands for all fields except the elements of arrays, the name
         `WHOLE` for the message itself, pushed as a `WholeMessage`.
         """
-        total: dict[str, Demand] = {}
-        for stream in self._streams.values():
-            for topic, demand in stream.demand.items():
-                total[topic] = total.get(topic, demand) | demand
-        return total
+        demands = (each.demand.items() for each in self._streams.values())
+        return joined_demands(chain.from_iterable(demands))
 
     def set_source_type(self, topic: str, source_type: SourceType) -> None:
         """Set the type of a topic that was unknown or has changed since streams were created."""

@@ -28,10 +28,14 @@ WHOLE: Final = '**'
 
 def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
     """Return the fields of each topic that resolved streams need."""
+    return joined_demands(each for term in terms for each in _demands(term, frozenset({ALL})))
+
+
+def joined_demands(demands: Iterable[tuple[str, Demand]]) -> Mapping[str, Demand]:
+    """Return all needed fields of each topic, given some needed fields of topics."""
     total: dict[str, Demand] = {}
-    for term in terms:
-        for topic, demand in _demands(term, frozenset({ALL})):
-            total[topic] = total.get(topic, frozenset()) | demand
+    for topic, demand in demands:
+        total[topic] = total.get(topic, frozenset()) | demand
     return total
 
 

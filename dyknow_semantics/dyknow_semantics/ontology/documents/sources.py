@@ -67,6 +67,11 @@ def same_ontology(one: str, other: str) -> bool:
     return one.rstrip('#/') == other.rstrip('#/')
 
 
+def upper_ontology() -> bytes:
+    """Return the text of the upper ontology, in RDF/XML."""
+    return files('dyknow_semantics').joinpath('ontology', 'dyknow.owl').read_bytes()
+
+
 def read_source(path_or_iri: str, access: Access) -> OntologySource:
     """Read the ontology at a path, at a `file:` IRI or at an address on the web.
 
@@ -74,8 +79,7 @@ def read_source(path_or_iri: str, access: Access) -> OntologySource:
         SemanticsError: if it cannot be read, or may not.
     """
     if same_ontology(path_or_iri, UPPER_ONTOLOGY):
-        resource = files('dyknow_semantics').joinpath('ontology', 'dyknow.owl')
-        return OntologySource(UPPER_ONTOLOGY, resource.read_bytes())
+        return OntologySource(UPPER_ONTOLOGY, upper_ontology())
     try:
         parts = urlsplit(path_or_iri)
     except ValueError as error:

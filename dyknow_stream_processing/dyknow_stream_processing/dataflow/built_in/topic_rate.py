@@ -12,8 +12,6 @@ from dyknow_stream_processing.dataflow.operators import NormalWait, Operator, Wi
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
-_STOPPED: Final = 'as their reader was stopped or had no processor'
-
 _SAMPLES: Final = 10
 """The samples of a rate in each window."""
 
@@ -47,7 +45,10 @@ class RateOperator(SynchronisedOperator):
         """Note the time of a message, and make the samples that it makes certain."""
         if self._has_lost:
             self._has_lost, self._first = False, valid_time
-            text = f'messages before {round_time(valid_time)} were lost, {_STOPPED}'
+            text = (
+                f'messages before {round_time(valid_time)} were lost, as their reader was stopped '
+                'or had no processor'
+            )
             self._violate(Fault(ViolationKind.LOST, valid_time, text))
         self._times.append(valid_time)
         if valid_time > max(self._tracks[port].last[0], self._last_tick):
