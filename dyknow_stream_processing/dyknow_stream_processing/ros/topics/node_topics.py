@@ -32,7 +32,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import Heartbeats, PrunedCallbackGroup, is_time_simulated
+from dyknow_common.ros import Heartbeats, PrunedCallbackGroup, is_time_simulated, set_period
 from dyknow_stream_processing.ros.messages.message_types import type_name_of
 from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, is_pause_recent
 from dyknow_stream_processing.ros.topics.topic_feed import (
@@ -249,8 +249,6 @@ class NodeTopics:
 
         Those of all topics are matched periodically.
         """
-        changed, self._changed = self._changed, []
-        self._match([each for each in changed if each.listeners])
         if self._feeds and self._timer is None:
             self._timer = self._node.create_timer(
                 SEARCH_PERIOD_NS / SECOND_NS,
@@ -258,19 +256,26 @@ class NodeTopics:
                 callback_group=self.group,
                 clock=self._wall_clock,
             )
+        changed, self._changed = self._changed, []
+        self._match([each for each in changed if each.listeners])
 
     def _watch(self) -> None:
         """Match the subscriptions to the publishers: of all topics, or of those without any."""
         self._check_clock(self._node.get_clock().now().nanoseconds)
-        now, feeds = time.monotonic_ns(), self._feeds.values()
-        is_full = now - self._watched_at >= WATCH_PERIOD_NS
-        self._watched_at = now if is_full else self._watched_at
-        self._match([each for each in feeds if is_full or not each.has_publishers])
+        feeds = [each for each in self._feeds.values() if not each.has_publishers]
+        now = time.monotonic_ns()
+        if not feeds or now - self._watched_at >= WATCH_PERIOD_NS:
+            feeds, self._watched_at = [*self._feeds.values()], now
+        self._match(feeds)
 
     def _match(self, feeds: Iterable[TopicFeed]) -> None:
         # Everything is prepared before the first message, which would wait otherwise.
         for subscribe in filter(None, [feed.prepare() for feed in feeds]):
             subscribe()
+        if self._timer is not None:
+            is_complete = all(feed.has_publishers for feed in self._feeds.values())
+            period_ns = WATCH_PERIOD_NS if is_complete else SEARCH_PERIOD_NS
+            set_period(self._timer, period_ns / SECOND_NS)
 
     def expect(self, topic: str, stream_id: int) -> bool:
         """Expect the samples of a stream on a topic, given its absolute name.
