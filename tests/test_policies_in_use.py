@@ -303,7 +303,10 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
         client.spin_until(
             is_everything_used,
             'everything is used that is permitted, by nodes of known enclaves',
-            instead=lambda: f'not used: {unused(everything)}, {recorder.without_enclave}',
+            instead=lambda: (
+                f'not used: {unused(everything)}, without enclave: {recorder.without_enclave}, '
+                f'seen: {dict(recorder.names)}'
+            ),
             pause=POLL,
         )
     assert_permitted(recorder, permitted)
