@@ -22,11 +22,11 @@ from typing import Any, ClassVar, Final
 from weakref import WeakKeyDictionary, proxy
 
 from dyknow_interfaces.msg import Heartbeat
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from dyknow_common.ros.below_rclpy.senders import full_name
+from dyknow_common.ros.callback_groups import PrunedExclusiveCallbackGroup
 from dyknow_common.ros.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
 from dyknow_common.ros.time_messages import time_to_nanoseconds
@@ -75,7 +75,7 @@ class Heartbeats:
     def __init__(self, node: Node) -> None:
         # A proxy: the entry in `_known` must not keep the node alive.
         self.node: Node = proxy(node)
-        self.group = MutuallyExclusiveCallbackGroup()
+        self.group = PrunedExclusiveCallbackGroup()
         """The callback group of the heartbeats and the listeners."""
         self._nodes: dict[str, NodeLiveliness] = {}
         self._subscriptions: list[Any] = []

@@ -16,11 +16,12 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, one_line, shortened
-from dyknow_common.ros.callback_groups import PrunedCallbackGroup
+from dyknow_common.ros.callback_groups import PrunedCallbackGroup, PrunedExclusiveCallbackGroup
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.guards import NodeEndError, create_guarded_subscription, only_owner
 from dyknow_common.ros.heartbeat import NodeHeartbeat
@@ -68,6 +69,8 @@ class DyKnowNode(Node):
     """A node whose services always respond, and whose heartbeats show that it is alive."""
 
     def __init__(self, name: str) -> None:
+        # The base class creates entities of the default group.
+        self._exclusive = PrunedExclusiveCallbackGroup()
         super().__init__(name)
         self.reentrant = PrunedCallbackGroup()
         # Runs also while simulated time stands still.
@@ -92,6 +95,11 @@ class DyKnowNode(Node):
         self._last_drop = ('', '')
         self.add_on_set_parameters_callback(self._check_parameters)
         self.set_status(RUNNING)
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """The mutually exclusive callback group of entities that are created without one."""
+        return self._exclusive
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
         """Create a publisher, by default without event handlers, which cost time at messages."""
