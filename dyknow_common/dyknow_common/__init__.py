@@ -150,6 +150,7 @@ from dyknow_common.values import (
     ValueType,
     choices,
     earliest,
+    with_article,
 )
 from dyknow_common.verdict import (
     Margin,
@@ -293,6 +294,7 @@ __all__ = [
     'unused_name',
     'value_text',
     'visible',
+    'with_article',
     'with_changed_times',
     'with_readable_times',
     'without_generated_text',

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
 from functools import cached_property, lru_cache
@@ -38,13 +38,12 @@ from dyknow_common.fields import (
     UnnestedArray,
     parse_field,
 )
-from dyknow_common.values import Value, ValueType
+from dyknow_common.values import Value, ValueType, with_article
 
 FieldTypes = Mapping[str, ValueType | None]
 """Fields with the types of their values; None for a type that is not known."""
 
-_INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
-_MAX_INDEX_DIGITS: Final = 18
+_INDEX = re.compile(r'\[(?P<first>\d+)(\.\.\d*)?\]', re.ASCII)
 _MAX_SUGGESTIONS: Final = 4
 _OF_MANY: Final = frozenset({*AGGREGATES, WKT})
 _NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
@@ -353,7 +352,7 @@ class _Lookup:
             raise _AbsenceError(f"no single '{field}' beside '{array}' gives the number{hint}")
         kind = self._types.get(entry)
         if kind is not None and kind is not ValueType.INT:
-            message = f"'{entry}' is {_typed(kind)}, and the number of an element is an int"
+            message = f"'{entry}' is {with_article(kind)}, and the number of an element is an int"
             raise _AbsenceError(message)
 
 
@@ -370,30 +369,26 @@ def _check_type(field: ComputedField, entry: str, found: ValueType | None) -> No
     """Check that a function fits the type of its values."""
     if found is None:
         return
-    function, condition = field.function, field.condition
+    function, condition, kind = field.function, field.condition, with_article(found)
     # Texts in structs that are found by keys stand for numbers where these are wanted.
     is_text = found is ValueType.STRING and (field.path.is_keyed or function == 'number')
     if function in NUMERIC and found not in _NUMBERS and not is_text:
-        raise _AbsenceError(f"'{entry}' is {_typed(found)}, and {function} takes numbers")
+        raise _AbsenceError(f"'{entry}' is {kind}, and {function} takes numbers")
     if condition is not None and not (is_text and ValueType.of(condition.value) in _NUMBERS):
         _check_comparable(entry, found, condition.value)
     if function in {'any', 'all'} and condition is None and found is not ValueType.BOOLEAN:
-        message = f"'{entry}' is {_typed(found)}; give a condition, such as {function}({field.path}"
+        message = f"'{entry}' is {kind}; give a condition, such as {function}({field.path}"
         raise _AbsenceError(f'{message} > 1)')
     if function == 'text' and found not in {ValueType.STRING, ValueType.INT}:
-        raise _AbsenceError(f"'{entry}' is {_typed(found)}, and text takes an int or a string")
+        raise _AbsenceError(f"'{entry}' is {kind}, and text takes an int or a string")
 
 
 def _check_comparable(entry: str, found: ValueType | None, value: Value) -> None:
     wanted = ValueType.of(value)
     if found is None or found is wanted or {found, wanted} <= _NUMBERS:
         return
-    message = f"'{entry}' is {_typed(found)}, which cannot be compared with {_typed(wanted)}"
-    raise _AbsenceError(message)
-
-
-def _typed(value_type: ValueType) -> str:
-    return f'{"an" if value_type is ValueType.INT else "a"} {value_type}'
+    message = f"'{entry}' is {with_article(found)}, which cannot be compared with "
+    raise _AbsenceError(f'{message}{with_article(wanted)}')
 
 
 def _result_type(function: str, found: ValueType | None) -> ValueType | None:
@@ -433,18 +428,6 @@ def _shape(path: str) -> str:
     return _INDEX.sub('[]', path)
 
 
-def _number(index: str) -> float:
-    # No array is that long, and Python refuses to convert thousands of digits.
-    return int(index) if len(index) <= _MAX_INDEX_DIGITS else math.inf
-
-
-def _bounds(path: str) -> Iterator[tuple[float, float]]:
-    for index in _INDEX.finditer(path):
-        first = _number(index['first'])
-        last = float(index['last'] or math.inf) if index['more'] else first
-        yield first, last
-
-
 def _shape_of_path(path: str) -> str:
     field = parse_field(path)
     if not isinstance(field, MessagePath):
@@ -458,7 +441,7 @@ def _suggestion(path: str, shape: str, inside: Iterable[str]) -> str:
     known = shape.count('[]')
     paths = []
     for each in inside:
-        firsts = [first for first, _ in _bounds(each)][known:]
+        firsts = [index['first'] for index in _INDEX.finditer(each)][known:]
         tail = _shape(each)[len(shape) :].replace('[]', '[{}]')
         paths.append(path + tail.format(*firsts))
     if len(paths) > _MAX_SUGGESTIONS:

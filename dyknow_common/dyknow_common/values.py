@@ -186,6 +186,11 @@ class ValueType(StrEnum):
         return other is self or (other is ValueType.INT and self is ValueType.FLOAT)
 
 
+def with_article(value_type: ValueType | None) -> str:
+    """Return the name of a type with its article, for messages."""
+    return f'{"an" if value_type is ValueType.INT else "a"} {value_type}'
+
+
 _TYPES: Mapping[type, ValueType] = {
     bool: ValueType.BOOLEAN,
     int: ValueType.INT,

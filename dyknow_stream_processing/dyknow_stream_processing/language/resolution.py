@@ -20,6 +20,7 @@ from dyknow_common import (
     listed_as,
     shortened,
     value_text,
+    with_article,
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.built_in_sources import built_in_fields, type_fault
@@ -34,7 +35,6 @@ from dyknow_stream_processing.language.type_rules import (
     interpolated,
     setting_fault,
     settings,
-    with_article,
 )
 
 Fields = Mapping[str, ValueType | None]

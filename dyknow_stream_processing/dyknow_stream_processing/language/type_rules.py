@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from inspect import Parameter, isclass, signature
 from typing import Annotated, Any, Final
 
-from dyknow_common import ValueType
+from dyknow_common import ValueType, with_article
 from dyknow_stream_processing.language.specification import Condition, UnitArgument
 
 Unit = Callable[..., Any]
@@ -74,12 +74,6 @@ def setting_fault(parameter: Parameter, argument: UnitArgument) -> str:
 def interpolated(found: ValueType | None) -> ValueType | None:
     """Return the type of a field whose numbers are interpolated."""
     return ValueType.FLOAT if found is ValueType.INT else found
-
-
-def with_article(value_type: ValueType | None) -> str:
-    """Return the name of a type with its article, for messages."""
-    article = 'an' if value_type is ValueType.INT else 'a'
-    return f'{article} {value_type}'
 
 
 def fits(found: ValueType | None, wanted: ValueType) -> bool:
