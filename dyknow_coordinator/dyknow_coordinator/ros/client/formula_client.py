@@ -181,7 +181,8 @@ class FormulaClient:
 
         The request cannot be cancelled; it ends after its timeout. See `monitor` for others.
         """
-        check_request(formula, timeout, grounding, constraints, wait, margin=margin)
+        check_arguments(formula=formula, timeout=timeout, grounding=grounding)
+        check_arguments(constraints=constraints, wait=wait, margin=margin)
         refusal = self._refusal(timeout, constraints)
         if refusal is not None:
             return Answer(error=refusal)
@@ -212,7 +213,8 @@ class FormulaClient:
                 await `evaluate` there.
             ExternalShutdownException: if rclpy is shut down meanwhile.
         """
-        check_request(formula, timeout, grounding, constraints, wait, margin=margin)
+        check_arguments(formula=formula, timeout=timeout, grounding=grounding)
+        check_arguments(constraints=constraints, wait=wait, margin=margin)
         refuse_in_callback(self._node)
         if (refusal := self._refusal(timeout, constraints)) is not None:
             return Answer(error=refusal)
@@ -466,25 +468,6 @@ class CoordinatorGoals:
                 feedback_sub_qos_profile=QoSProfile(depth=SERVICE.depth),
             )
         return self._actions[action_type]
-
-
-def check_request(
-    formula: object,
-    timeout: object,
-    grounding: object,
-    constraints: object,
-    wait: object,
-    **others: object,
-) -> None:
-    """Check the arguments of a request; raises like `check_arguments`."""
-    check_arguments(
-        formula=formula,
-        timeout=timeout,
-        grounding=grounding,
-        constraints=constraints,
-        wait=wait,
-        **others,
-    )
 
 
 def check_arguments(**arguments: object) -> None:
