@@ -43,7 +43,6 @@ class StreamsMirror:
         self._node = node
         self._namespace = namespace
         self.known = self._known_streams(())
-        self._moved_before: dict[str, str] = {}
         self.engines: tuple[str, ...] = ()
         """The stream processing engines that run."""
         self.known_until = 0
@@ -86,10 +85,6 @@ class StreamsMirror:
         if known_until != self.known_until:
             self.known_until = known_until
             self.heard_at = self._node.wall_clock.now().nanoseconds
-        texts = {each.specification for each in message.streams}
-        self._moved_before = {
-            text: moved for text, moved in self._moved_before.items() if text in texts
-        }
         before = self.known.published()
         self.known = self._known_streams(map(self._known_stream, message.streams))
         if self.known.published() != before:
@@ -97,10 +92,10 @@ class StreamsMirror:
 
     def _known_stream(self, status: StreamStatus) -> KnownStream:
         before = self.known.get(status.name)
-        text = self._moved(status.specification) if status.specification else ''
+        text, own = status.specification, self._node.get_namespace()
         return KnownStream(
             status.name,
-            specification=text,
+            specification=text and in_namespace(text, self._namespace, own),
             topic=status.topic,
             stream_id=status.stream_id,
             message_type=status.message_type,
@@ -109,13 +104,6 @@ class StreamsMirror:
             constraints=constraints_from_message(status.constraints),
             waits_for=status.message if status.state == StreamStatus.WAITING else '',
         )
-
-    def _moved(self, specification: str) -> str:
-        """Return a specification in the namespace of this node; a report repeats the last one."""
-        if specification not in self._moved_before:
-            moved = in_namespace(specification, self._namespace, self._node.get_namespace())
-            self._moved_before[specification] = moved
-        return self._moved_before[specification]
 
     def _known_streams(self, streams: Iterable[KnownStream]) -> KnownStreams:
         return KnownStreams(streams, self._is_published, self._absolute)

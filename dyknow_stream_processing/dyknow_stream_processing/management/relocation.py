@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
+from dyknow_common import cached_by_text
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import (
     BuiltIn,
@@ -60,8 +61,11 @@ def with_aliases(specification: Specification, topics: Mapping[str, str]) -> Spe
     return replace(specification, declarations=(*declared, *specification.declarations))
 
 
+@cached_by_text
 def in_namespace(specification: str, namespace: str, other: str) -> str:
     """Return a specification that has the same meaning in another namespace.
+
+    The last results are kept: the reports of an engine repeat its specifications each second.
 
     Raises:
         LanguageError: if the text is not a specification.
