@@ -122,6 +122,7 @@ def read_forecasts(
     """
     found = Forecasts([], [], [])
     declarations: dict[str, str] = {}
+    streams: list[str] = []
     entries = values['features'].entries('a mapping from features') if 'features' in values else []
     for name, value in entries:
         stated = {key.text(): each for key, each in value.entries('the description of a feature')}
@@ -136,12 +137,11 @@ def read_forecasts(
             raise stated['forecast'].error(message)
         found.features.append(forecast)
         for text, meaning in reader.streams(forecast):
-            found.streams.append(InlineText(stated['forecast'].place, text))
+            streams.append(text)
             found.annotations.append(InlineText(stated['forecast'].place, meaning))
-    if found.streams:
-        units = ''.join(f'{each};\n' for each in declarations.values())
-        text = units + ''.join(each.text for each in found.streams)
-        found.streams = [replace(found.streams[0], text=text)]
+    if streams:
+        units = (f'{each};\n' for each in declarations.values())
+        found.streams.append(InlineText(found.annotations[0].name, ''.join([*units, *streams])))
     return found
 
 

@@ -45,11 +45,7 @@ _RECORD_KEYS: Final = ('topics', 'before', 'after')
 
 
 def read_formulas(
-    path: Path,
-    constants: Constants = NO_CONSTANTS,
-    triggers: Triggers = NO_TRIGGERS,
-    *,
-    is_checked: bool = False,
+    path: Path, constants: Constants = NO_CONSTANTS, *, is_checked: bool = False
 ) -> tuple[RequestedFormula, ...]:
     """Return the formulas of a file.
 
@@ -59,14 +55,13 @@ def read_formulas(
     Args:
         path: the path of the file.
         constants: the constants that the formulas may name.
-        triggers: the triggers that the formulas may name.
         is_checked: True to check the formulas in lines, too.
 
     Raises:
         ConfigurationError: with the place of the fault.
     """
     if path.suffix in _YAML_ENDINGS:
-        return formulas_of([read_yaml(path)], constants, triggers)
+        return formulas_of([read_yaml(path)], constants)
     text = read_text(path, 'formulas', ConfigurationError)
     found: list[RequestedFormula] = []
     for position, formula in formula_lines(text):
