@@ -74,7 +74,7 @@ class TopicSources:
         self._clock_tolerance = clock_tolerance
         self._topics = NodeTopics.of(node)
         self._names = TopicNames(node)
-        self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
+        self._sources: dict[str, _Source] = {}
         self._held: deque[_Arrival] = deque()
         self._end_restarts = self._topics.restart_with(self._restart)
 
@@ -82,18 +82,17 @@ class TopicSources:
         """Subscribe to the topics that the dataflow needs now, and to no others."""
         needed = self._dataflow.sources()
         for topic in self._sources.keys() - needed.keys():
-            _, remove = self._sources.pop(topic)
-            remove()
+            self._sources.pop(topic).remove()
         for topic, fields in needed.items():
             known = self._sources.get(topic)
             if known is None:
                 self._add(topic, fields)
-            elif WHOLE in fields - known[0].fields:
+            elif WHOLE in fields - known.fields:
                 # Built-in sources need the messages that publishers keep: a new subscription.
-                known[1]()
+                known.remove()
                 self._add(topic, fields)
             else:
-                known[0].set_fields(fields)
+                known.set_fields(fields)
         self._topics.refresh()
         self._repeat_kept()
         self._schedule()
@@ -102,8 +101,7 @@ class TopicSources:
         """Give new streams what a subscription of their own would receive from its publisher."""
         now = self._node.get_clock().now().nanoseconds
         for topic in self._dataflow.owed & self._sources.keys():
-            source, _ = self._sources[topic]
-            if (kept := source.kept_sample(now)) is not None:
+            if (kept := self._sources[topic].kept_sample(now)) is not None:
                 self._dataflow.repeat(topic, kept)
 
     def catch_up(self) -> bool:
@@ -131,14 +129,14 @@ class TopicSources:
 
     def expect(self, topic: str, stream_id: int) -> bool:
         """Expect the samples of a stream on a topic; see `NodeTopics.expect`."""
-        for source, _ in self._sources.values():
+        for source in self._sources.values():
             if self._node.resolve_topic_name(source.topic) == topic:
                 source.stream_id = stream_id
         return self._topics.expect(topic, stream_id)
 
     def report(self, topic: str) -> SourceReport:
         """Return the report of a topic that is subscribed to."""
-        source, _ = self._sources[topic]
+        source = self._sources[topic]
         name = self._node.resolve_topic_name(topic)
         transport = source.clock.transport or 0
         return SourceReport(
@@ -155,7 +153,7 @@ class TopicSources:
 
     def end_period(self, now: int) -> None:
         """Measure the rates of all topics since the last call, given the time in nanoseconds."""
-        for source, _ in self._sources.values():
+        for source in self._sources.values():
             source.end_period(now)
 
     def reason(self, topic: str, since: int | None) -> str:
@@ -165,7 +163,7 @@ class TopicSources:
             topic: its name.
             since: the time after which they came lately, nanoseconds; None if that is unknown.
         """
-        source, _ = self._sources[topic]
+        source = self._sources[topic]
         name = self._node.resolve_topic_name(topic)
         try:
             publication = find_publication(self._node, topic)
@@ -202,15 +200,15 @@ class TopicSources:
             self._clock_tolerance,
             lambda: self._topics.was_stopped,
         )
-        remove = self._topics.listen(
+        source.remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
         )
-        self._sources[topic] = source, remove
+        self._sources[topic] = source
 
     def _clear(self) -> None:
         self._topics.timed_calls.cancel(self._advance)
-        for _, remove in self._sources.values():
-            remove()
+        for source in self._sources.values():
+            source.remove()
         self._sources.clear()
 
     def _restart(self, set_back: int) -> None:
@@ -281,6 +279,8 @@ class _Source:
     arrive: Callable[[_Arrival], None]
     clock_tolerance: int
     was_stopped: Callable[[], bool]
+    remove: Callable[[], None] = lambda: None
+    """Ends its subscription."""
     clock: SenderClock = field(default_factory=SenderClock)
     before_sending: int = 0
     received: int = 0
