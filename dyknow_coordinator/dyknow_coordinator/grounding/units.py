@@ -62,7 +62,7 @@ async def find_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[st
         DyKnowError: for a feature with several units, for a name that is like that of a feature,
             or if the query fails.
     """
-    rows = await stated_units(symbols, query)
+    rows = await _stated('unit', symbols, query)
     units = {name: only_unit(name, found) for name, found in rows.items()}
     without = [name for name, unit in units.items() if not unit]
     if without:
@@ -83,16 +83,8 @@ def _check_names(names: Iterable[str], known: Sequence[str]) -> None:
             )
 
 
-async def stated_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, Rows]:
-    """Return the concepts with units that each feature is or is below, with these units.
-
-    Arguments and errors as in `find_units`.
-    """
-    return await _stated('unit', symbols, query)
-
-
 async def _stated(name: str, symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, Rows]:
-    """Return the concepts that state a property of each feature, with its values."""
+    """Return the concepts that state a property, which each feature is or is below, with it."""
     names = [each.name for each in feature_symbols(symbols) if not each.is_reference]
     return {each: await query(property_query(each, name)) for each in dict.fromkeys(names)}
 
@@ -159,7 +151,7 @@ async def feature_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict
         DyKnowError: if the query fails.
     """
     features = feature_symbols(symbols)
-    rows = await stated_units(features, query)
+    rows = await _stated('unit', features, query)
     units = {name: _known_unit(name, found) for name, found in rows.items()}
     return {**{each.name: '' for each in features if each.is_reference}, **units}
 

@@ -256,10 +256,9 @@ class ServiceClients:
             raise DyKnowError(found['reason'], error.code) if found else error from None
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
 
-    async def topic(self, stream: str) -> tuple[str, str]:
-        """Return the topic of a stream, and the type of its messages."""
-        response = await self.stream_manager.call(StreamGetTopic, stream_name=stream)
-        return str(response.topic_name), str(response.message_type)
+    async def check_stream(self, name: str) -> None:
+        """Check that there is a stream; the error of the stream manager lists the known ones."""
+        await self.stream_manager.call(StreamGetTopic, stream_name=name)
 
     async def pushed_down(
         self,

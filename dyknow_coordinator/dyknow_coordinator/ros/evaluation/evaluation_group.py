@@ -280,8 +280,7 @@ async def find_candidates(
         return await context.background.run(partial(_parsed, texts), is_long=len(texts) > _MANY)
 
     async def stream_fields(name: str) -> tuple[str, ...]:
-        # For an unknown name, the error of the stream manager lists the known ones.
-        await context.clients.topic(name)
+        await context.clients.check_stream(name)
         await context.streams.wait_for(name)
         return context.streams.fields(name)
 

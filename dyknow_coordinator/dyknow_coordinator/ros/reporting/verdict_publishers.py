@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from math import nan
 from typing import Any, Final
 
@@ -54,18 +55,13 @@ class VerdictPublishers:
         self._publishers: dict[str, Any] = {}
         self._latest: dict[str, NamedVerdict] = {}
         self._warning = Throttle(WARNING_PERIOD_S)
-        self._changes = ChangeBatch(node, COLLECTION_S, self._publish_changes)
-        node.create_timer(PERIOD_S, self._publish_all, clock=node.wall_clock)
+        self._changes = ChangeBatch(node, COLLECTION_S, partial(self._publish, is_periodic=False))
+        publish_all = partial(self._publish, is_periodic=True)
+        node.create_timer(PERIOD_S, publish_all, clock=node.wall_clock)
 
     def publish_soon(self) -> None:
         """Publish what has changed soon."""
         self._changes.add()
-
-    def _publish_all(self) -> None:
-        self._publish(is_periodic=True)
-
-    def _publish_changes(self) -> None:
-        self._publish(is_periodic=False)
 
     def _publish(self, *, is_periodic: bool) -> None:
         self._names.limit = self._limit()
