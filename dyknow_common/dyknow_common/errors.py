@@ -46,14 +46,6 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 8
 
 
-def exit_code(number: int) -> ExitCode:
-    """Return the exit code of a number in a message; INTERNAL_ERROR if there is none."""
-    try:
-        return ExitCode(number)
-    except ValueError:
-        return ExitCode.INTERNAL_ERROR
-
-
 def shortened(text: object, most: int = _MAX_QUOTED) -> str:
     """Return a text for a message; beyond `most` characters, only its beginning and its end."""
     found, half = str(text), most // 2

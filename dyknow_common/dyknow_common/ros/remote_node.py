@@ -25,13 +25,14 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from dyknow_common.durations import SECOND_NS
-from dyknow_common.errors import DyKnowError, ExitCode, exit_code
+from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.callback_groups import PrunedCallbackGroup
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import LATCHED, SERVICE, STATUS
+from dyknow_common.ros.time_messages import error_from_message
 
 LONG_TIMEOUT_S = 15.0
 """The time that a call may take if the node calls others or answers a query, which may take 5 s.
@@ -148,9 +149,8 @@ class RemoteNode:
         """
         request = service_type.Request(**fields)
         response = await self.request(service_type, request, self._patience_s, self._timeout_s)
-        status = response.exit_status
-        if status.code != ExitCode.SUCCESS:
-            raise DyKnowError(status.message, exit_code(status.code))
+        if error := error_from_message(response.exit_status):
+            raise error
         return response
 
     async def request(

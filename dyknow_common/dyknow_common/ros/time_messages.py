@@ -86,8 +86,10 @@ def error_to_message(error: Exception) -> Any:
 def error_from_message(message: Any) -> DyKnowError | None:
     """Return the error in an ExitStatus message; None on SUCCESS.
 
-    Raises:
-        ValueError: for a number that is no exit code.
+    A number that is no exit code, as from a later version, becomes INTERNAL_ERROR.
     """
-    code = ExitCode(message.code)
-    return None if code is ExitCode.SUCCESS else DyKnowError(message.message, code)
+    if message.code == ExitCode.SUCCESS:
+        return None
+    is_known = message.code in set(ExitCode)
+    code = ExitCode(message.code) if is_known else ExitCode.INTERNAL_ERROR
+    return DyKnowError(message.message, code)
