@@ -155,7 +155,14 @@ def test_a_violation_of_a_stream_that_is_being_left_is_none_of_the_next(name: st
 
 
 @pytest.mark.parametrize(
-    ('event', 'is_excluded'), [('silence', True), ('violation', True), ('fault', False)]
+    ('event', 'is_excluded'),
+    [
+        ('silence', True),
+        ('violation', True),
+        ('loss', False),
+        ('engine is lost', False),
+        ('fault', False),
+    ],
 )
 def test_a_better_stream_without_samples_replaces_none(event: str, is_excluded: bool) -> None:  # noqa: FBT001
     """It replaced the one in use, and the evaluation was interrupted when it was silent."""
@@ -173,6 +180,10 @@ def test_a_better_stream_without_samples_replaces_none(event: str, is_excluded: 
             happened.append(seconds)
             if event == 'violation':
                 made.violate(supervisor._next, 'states_2', ViolationKind.MAX_GAP)
+            elif event == 'loss':
+                made.violate(supervisor._next, '/a', ViolationKind.LOST)
+            elif event == 'engine is lost':
+                supervisor._on_engine_lost(supervisor._next)
             else:
                 supervisor._session.note_loss('b is lost')
         return elapsed

@@ -246,6 +246,9 @@ class StateSupervisor:
             # The reasoning engine leaves it at once by itself, or does not read it yet.
             known = self._context.streams.known
             self._exclude(known.affected(stream.chosen, violation.stream_name))
+            # For streams at fault, the better streams may be the only replacement.
+            if stream is self._next and not self._session.faults:
+                self._exclude(set(stream.chosen) - set(self.chosen))
         self._give_up_next(stream)
         if not self._is_in_use(stream):
             return
@@ -352,7 +355,9 @@ class StateSupervisor:
             await stream.create(chosen, self.inputs.constraints)
             silent = await self._silent(stream.name, others, since)
             if stream is not self._next:
-                silent = others
+                # Lost messages or a lost engine are no fault of the sources: they are tried again.
+                silent = ()
+                await self._context.node.deadlines.after(POLL_PERIOD_S)
             elif not (silent or self._session.faults):
                 await self._hand_over(stream)
         except DyKnowError as error:
