@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
@@ -251,13 +251,6 @@ class MonitoredPlan:
         self._on_change(self._verdicts[position])
 
 
-class _RunningPlan(NamedTuple):
-    """A plan, and the goal of its client."""
-
-    plan: MonitoredPlan
-    goal_id: bytes
-
-
 class PlanMonitoring:
     """All monitored plans.
 
@@ -270,25 +263,27 @@ class PlanMonitoring:
         self._node = node
         self._start = start
         self._limits = limits
-        self._plans: dict[str, _RunningPlan] = {}
+        # The plans of a name by their goals: of its client, and for a moment of its former run.
+        self._plans: dict[str, dict[bytes, MonitoredPlan]] = {}
         node.serve(ReportPlanAction, self._report)
         self.server = CancellingActionServer(node, MonitorPlan, self._execute)
 
     async def _execute(self, goal: Any) -> Any:
         result = MonitorPlan.Result()
         name, goal_id = goal.request.name, bytes(goal.goal_id.uuid)
-        self._end_former_run(name, goal_id)
         try:
             plan = self._monitored_plan(goal)
         except DyKnowError as error:
             result.exit_status = error_to_message(error)
             self.server.finish(goal, error)
             return result
-        running = self._plans[name] = _RunningPlan(plan, goal_id)
+        self._plans.setdefault(name, {})[goal_id] = plan
         plan.begin(self._node.now())
+        # The server ends the plan of a former run once it is sure that this client stays.
         with self.server.running(goal, plan.cancel):
             await plan.ended
-        if self._plans.get(name) is running:
+        del self._plans[name][goal_id]
+        if not self._plans[name]:
             del self._plans[name]
         result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
         if plan.error is not None:
@@ -296,23 +291,19 @@ class PlanMonitoring:
         self.server.finish(goal, plan.error)
         return result
 
-    def _end_former_run(self, name: str, newer: bytes) -> None:
-        """End the plan of a name if its client was killed, and has been restarted."""
-        running = self._plans.get(name)
-        if running is not None and self.server.is_over(running.goal_id, newer):
-            del self._plans[name]
-            running.plan.cancel(self.server.restarted)
-
     def _monitored_plan(self, goal: Any) -> MonitoredPlan:
         request = goal.request
         check_name(request.name, CoordinationError)
         parts = len(request.formulas) + sum(1 + len(each.formulas) for each in request.actions)
         what = 'actions and formulas of the plan'
         self._limits.check('plan_part_limit', parts, what, ExitCode.INVALID_ARGUMENT)
-        self._limits.check('plan_limit', len(self._plans) + 1, 'monitored plans')
-        if request.name in self._plans:
-            former = self._plans[request.name].goal_id
-            is_former = is_of_former_run(former, bytes(goal.goal_id.uuid))
+        others = self._plans.keys() - {request.name}
+        self._limits.check('plan_limit', len(others) + 1, 'monitored plans')
+        newer = bytes(goal.goal_id.uuid)
+        for former in self._plans.get(request.name, ()):
+            if self.server.is_over(former, newer):
+                continue
+            is_former = is_of_former_run(former, newer)
             hint = ', or try again in 20 s if its client was killed' if is_former else ''
             raise CoordinationError(
                 f"a plan '{request.name}' is monitored already; give this one another name{hint}",
@@ -336,8 +327,9 @@ class PlanMonitoring:
             raise CoordinationError(
                 f"no plan '{request.plan}' is monitored ({known})", ExitCode.NOT_FOUND
             )
-        running, goal_id = self._plans[request.plan], bytes(request.goal_id)
-        if any(goal_id) and goal_id != running.goal_id:
+        plans, goal_id = self._plans[request.plan], bytes(request.goal_id)
+        plan = plans.get(goal_id) if any(goal_id) else list(plans.values())[-1]
+        if plan is None:
             raise CoordinationError(
                 f"another client's plan '{request.plan}' is monitored; give this one another name",
                 ExitCode.ALREADY_EXISTS,
@@ -348,4 +340,4 @@ class PlanMonitoring:
         # The client had reported before a pause of this process.
         delay = PAUSES.delay_of(self._node.request_sent_at())
         time = self._node.now() - delay
-        running.plan.report(request.action, Event(request.event), time)
+        plan.report(request.action, Event(request.event), time)

@@ -5,15 +5,21 @@ from __future__ import annotations
 from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
+from dyknow_interfaces.action import MonitorPlan
+from dyknow_interfaces.msg import PlanAction
+from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.node import Node as RosNode
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.ros import DyKnowNode
+from dyknow_coordinator import CoordinationError
 from dyknow_coordinator.ros import actions
+from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
 
 
 class Node:
@@ -155,3 +161,77 @@ def test_a_former_run_that_is_still_alive_ends_no_goals(situation: Situation) ->
         situation.send(actions.goal_id(FakeClient('/formula_monitor', started_at)))
     situation.node.let_time_pass()
     assert situation.reasons == []
+
+
+class Plans(Situation):
+    """Plans of one name, of clients that send a goal each."""
+
+    def start(self) -> None:
+        node: Any = self.node
+        node.serve, node.request_sent_at = self.serve, lambda: 0
+        node.now = lambda: 1
+        self.server = PlanMonitoring(node, MagicMock(), MagicMock()).server
+        self.results: list[MonitorPlan.Result] = []
+
+    def serve(self, _: Any, report: Any) -> None:
+        self.report = report
+
+    def send(self, goal_id: UUID) -> Any:
+        request = MonitorPlan.Goal(name='survey', actions=[PlanAction(name='fly')])
+        goal = MagicMock(goal_id=goal_id, request=request, is_cancel_requested=False)
+        self.goals.append(self.pursue(goal))
+        return self.go_on(-1)
+
+    def go_on(self, number: int) -> Any:
+        """Run a goal until it waits; return the result if it has ended."""
+        try:
+            self.goals[number].send(None)
+        except StopIteration as end:
+            return end.value
+        return None
+
+    def report_start(self, goal_id: UUID) -> None:
+        request = ReportPlanAction.Request(plan='survey', action='fly', goal_id=goal_id.uuid)
+        self.report(request, None)
+
+
+@pytest.fixture
+def plans(monkeypatch: pytest.MonkeyPatch) -> Plans:
+    made = Plans()
+    monkeypatch.setattr(actions, 'ActionServer', made.make_server)
+    monkeypatch.setattr(actions, 'ClientWatch', lambda *_: None)
+    made.start()
+    return made
+
+
+def test_a_restarted_client_takes_over_the_name_of_its_plan(plans: Plans) -> None:
+    goals = [actions.goal_id(FakeClient('/executive', started_at)) for started_at in (1, 2)]
+    for each in goals:
+        plans.send(each)
+    plans.report_start(goals[1])
+    plans.node.let_time_pass()
+    ended = plans.go_on(0)
+    assert ended.exit_status.code == ExitCode.CANCELLED
+    assert ended.exit_status.message == 'the client of ~/monitor_plan was restarted'
+    with pytest.raises(CoordinationError, match="another client's plan 'survey' is monitored"):
+        plans.report_start(goals[0])
+
+
+def test_a_second_client_that_ends_at_once_ends_no_plan(plans: Plans) -> None:
+    """The plan of a running node was cancelled by a second one, which was refused."""
+    goals = [actions.goal_id(FakeClient('/executive', started_at)) for started_at in (1, 2)]
+    for each in goals:
+        plans.send(each)
+    plans.server._on_cancel(SimpleNamespace(goal_id=goals[1]))
+    assert plans.go_on(1).exit_status.code == ExitCode.CANCELLED
+    plans.node.let_time_pass()
+    plans.report_start(goals[0])
+
+
+def test_a_plan_of_another_client_keeps_its_name(plans: Plans) -> None:
+    plans.send(actions.goal_id(FakeClient('/executive', 1)))
+    refused = plans.send(actions.goal_id(FakeClient('/other', 2)))
+    assert refused.exit_status.code == ExitCode.ALREADY_EXISTS
+    assert refused.exit_status.message == (
+        "a plan 'survey' is monitored already; give this one another name"
+    )
