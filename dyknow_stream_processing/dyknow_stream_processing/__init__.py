@@ -18,7 +18,12 @@ from dyknow_stream_processing.dataflow.dataflow import (
 )
 from dyknow_stream_processing.dataflow.drift import GAP_PERIODS, Coverage
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
-from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
+from dyknow_stream_processing.dataflow.operators import (
+    OTHER_CLOCK_NS,
+    DelayLimits,
+    SourceType,
+    is_normal_wait,
+)
 from dyknow_stream_processing.dataflow.received import OVERTAKEN, ReceivedViolations
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
@@ -117,6 +122,7 @@ __all__ = [
     'free_names',
     'ignore',
     'in_namespace',
+    'is_normal_wait',
     'joined_reasons',
     'load_units',
     'made',

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from recorded_flow import MILLISECOND, Flow
 
+from dyknow_stream_processing import is_normal_wait
 from dyknow_stream_processing.dataflow.operators import NormalWait
 
 LONG_AGO = -1
@@ -80,6 +81,9 @@ def test_the_first_window_of_a_rate_is_a_normal_wait(flow: Flow) -> None:
     (reason,) = flow.dataflow.waits_for('s', LONG_AGO, str)
     assert reason == 'the rate of a has its first value 5 s after the first message'
     assert isinstance(reason, NormalWait)
+    assert is_normal_wait(reason)
+    assert is_normal_wait(f'{reason}; {reason}')
+    assert not is_normal_wait(f'{reason}; no b')
     flow.push('a', 6100)
     assert flow.times() == [5001]
 

@@ -41,8 +41,15 @@ class Bench:
             waits_for='',
             look=self.limits.append,
         )
-        group = SimpleNamespace(states=states, waits_for='', set_waiting=lambda _: None)
-        groups: Any = SimpleNamespace(running=lambda: [group])
+        self.infos: list[str] = []
+        self.group = SimpleNamespace(
+            states=states,
+            waits_for='',
+            titles='formula',
+            logger=SimpleNamespace(warning=self.warnings.append, info=self.infos.append),
+            set_waiting=lambda _: None,
+        )
+        groups: Any = SimpleNamespace(running=lambda: [self.group])
         SilenceMonitor(context, groups, lambda: LIMIT)
         self.report(BORN)
 
@@ -97,3 +104,14 @@ def test_simulated_time_that_begins_late_or_goes_on(bench: Bench) -> None:
     assert bench.warnings == []
     bench.check(BORN + 106)
     assert len(bench.warnings) == 1
+
+
+def test_the_first_window_of_a_rate_is_no_fault(bench: Bench) -> None:
+    """The log had a warning for each formula with a rate whose window is longer than 3 s."""
+    bench.group.waits_for = 'the rate of /a has its first value 10 s after the first message'
+    bench.check(BORN + 4)
+    assert bench.warnings == []
+    assert bench.infos == [f'no state comes for formula: {bench.group.waits_for}']
+    bench.group.waits_for += '; nobody publishes /b'
+    bench.check(BORN + 5)
+    assert bench.warnings == [f'no state comes for formula: {bench.group.waits_for}']

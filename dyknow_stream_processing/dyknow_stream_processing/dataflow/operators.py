@@ -46,9 +46,16 @@ NO_PROMISE: Final = BEGINNING - 1
 
 
 class NormalWait(str):
-    """The reason that a stream has no samples yet, where nothing is at fault."""
+    """The reason that a stream has no samples yet, where nothing is at fault; it has one end."""
 
     __slots__ = ()
+
+    END: ClassVar = ' after the first message'
+
+
+def is_normal_wait(text: str) -> bool:
+    """Return True if nothing is at fault, given the joined reasons that a stream has no samples."""
+    return all(each.endswith(NormalWait.END) for each in text.split('; '))
 
 
 class StreamObserver(Protocol):

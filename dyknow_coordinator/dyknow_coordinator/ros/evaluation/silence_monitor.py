@@ -9,6 +9,7 @@ from dyknow_common import SECOND_NS, format_duration, with_readable_times
 from dyknow_common.ros import LogOnce
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
+from dyknow_stream_processing import is_normal_wait
 
 PERIOD_S: Final = 0.5
 
@@ -64,8 +65,11 @@ class SilenceMonitor:
         for group in groups:
             is_due = group.states.stream.created_at_s <= latest_start_s
             group.set_waiting(group.states.waits_for if is_due else '')
+        # The first window of a rate is no fault.
         waiting = {
-            f'no state comes for {group.titles}: {group.waits_for}': group.logger
+            f'no state comes for {group.titles}: {group.waits_for}': (
+                group.logger.info if is_normal_wait(group.waits_for) else group.logger.warning
+            )
             for group in groups
             if group.waits_for
         }
@@ -75,9 +79,9 @@ class SilenceMonitor:
                 'none of them is taken for silent: this node, the stream manager or an engine was '
                 'stopped, or the computer is too busy for them'
             )
-            waiting[outdated] = self._context.node.get_logger()
+            waiting[outdated] = self._context.node.get_logger().warning
         for text in self._log.new(waiting):
-            waiting[text].warning(with_readable_times(text))
+            waiting[text](with_readable_times(text))
 
     def _is_outdated(self) -> bool:
         """Return True if the latest report is old; simulated time may stand still, or be fast."""

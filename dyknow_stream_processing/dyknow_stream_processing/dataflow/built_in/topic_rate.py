@@ -65,7 +65,7 @@ class RateOperator(SynchronisedOperator):
         if self._times and self.emitted_at is None:
             window = format_duration(self._window)
             return NormalWait(
-                f'the rate of {name(self)} has its first value {window} after the first message'
+                f'the rate of {name(self)} has its first value {window}{NormalWait.END}'
             )
         return super().delay(name)
 
