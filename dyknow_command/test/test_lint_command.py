@@ -280,6 +280,32 @@ def test_statements_of_ontologies_in_vain(
     assert f"{ontology}: warning: DyKnow's ontology has no term 'units'; did you mean" in shown
 
 
+@pytest.mark.parametrize('number', [1, 2])
+def test_a_later_ontology_may_define_what_an_earlier_one_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], number: int
+) -> None:
+    begin = (
+        '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" '
+        'xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#" '
+        'xmlns:owl="http://www.w3.org/2002/07/owl#">'
+    )
+    drone, quadcopter = (f'http://www.dyknow.org/ontology#{each}' for each in ('Drone', 'Quad'))
+    parent = f'<rdfs:subClassOf rdf:resource="{drone}"/>'
+    paths = tmp_path / 'quad.owl', tmp_path / 'drone.owl'
+    for path, content in zip(
+        paths,
+        (
+            f'<owl:Class rdf:about="{quadcopter}">{parent}</owl:Class>',
+            f'<owl:Class rdf:about="{drone}"/>',
+        ),
+        strict=True,
+    ):
+        head = f'<owl:Ontology rdf:about="http://robots.org/{path.stem}"/>'
+        path.write_text(f'{begin}{head}{content}</rdf:RDF>', encoding='utf-8')
+    code, shown = lint(capsys, *paths[:number])
+    assert ("no term 'Drone'" in shown) == (code == 1) == (number == 1), shown
+
+
 def test_a_list_is_no_description_of_a_robot(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

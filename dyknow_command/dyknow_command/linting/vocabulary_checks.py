@@ -369,7 +369,7 @@ def _stream_place(inputs: LintInputs, source: TextSource, name: str) -> FilePlac
 
 def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
     """Yield the ontologies that cannot be loaded, and what others state in vain."""
-    known: set[str] = set()
+    places: dict[str, FilePlace] = {}
     with Ontology() as ontology:
         for source in inputs.files.ontologies:
             try:
@@ -381,9 +381,10 @@ def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
                 yield error_at(FilePlace(str(source)), error)
                 continue
             for text in void_statements(ontology.triples, ontology.knowledge):
-                if text not in known:
-                    known.add(text)
-                    yield warning_at(FilePlace(str(source)), text)
+                places.setdefault(text, FilePlace(str(source)))
+        # A later file may define what an earlier one names.
+        remaining = set(void_statements(ontology.triples, ontology.knowledge)) if places else set()
+    yield from (warning_at(place, text) for text, place in places.items() if text in remaining)
 
 
 def _reason(error: DyKnowError) -> str:
