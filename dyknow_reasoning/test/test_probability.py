@@ -705,3 +705,20 @@ def test_errors_that_cancel_out_leave_a_certain_comparison(
     state = {'X[r1]': 0.3, 'Y[r1]': 2.0, 'c': 0.0}
     found = [each for second in range(3) for each in group.progress(second * 10**9, state)]
     assert [(each.verdict, each.error) for each in found] == [(Verdict.TRUE, None)] * 2
+
+
+@pytest.mark.parametrize(
+    ('number', 'other'),
+    [
+        ('normal(x, 1, 0 s)', 'normal(x, 1.0, 0 s)'),
+        ('normal(x, 1 m, 0 s)', 'normal(x, 100 cm, 0 ms)'),
+        ('normal(x, 0.35 m, 0 s)', 'normal(x, 35 cm, 0 s)'),
+        ('within(x, 1 m)', 'within(x, 100 cm)'),
+    ],
+)
+def test_equal_numbers_are_one_however_they_are_written(number: str, other: str) -> None:
+    """They had independent errors: the chance that x is positive, and is not, was 0.25."""
+    unit = ' m' if ' m' in number else ''
+    begin = 'let x: m in ' if unit else ''
+    comparisons = f'{number} > 0{unit} and {other} <= 0{unit}'
+    assert progressed(f'{begin}P({comparisons}) > 0.0001', [{'x': 0.0}])[0] is Verdict.FALSE

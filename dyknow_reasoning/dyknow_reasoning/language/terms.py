@@ -272,6 +272,8 @@ class Kept(SyntaxNode):
 class Uncertain(SyntaxNode):
     """A number that is known up to a normal error; it stands in `P(...)` only.
 
+    Equal ones are one number: 1 and 1.0 are equal deviations, unlike the numbers of other terms.
+
     Args:
         mean: the best estimate.
         deviation: the standard deviation of the error, in the unit of the estimate.
@@ -287,13 +289,23 @@ class Uncertain(SyntaxNode):
     covariances: tuple[Covariance, ...] = ()
     part_names: ClassVar[tuple[str, ...]] = ('mean', 'deviation', 'covariances')
 
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self._identity() == other._identity()
+
+    def __hash__(self) -> int:
+        return hash(self._identity())
+
+    def _identity(self) -> tuple[object, ...]:
+        deviation = self.deviation.value if isinstance(self.deviation, Number) else self.deviation
+        return self.mean, deviation, self.time_constant, self.covariances
+
     def __str__(self) -> str:
         time = '' if self.time_constant is None else f', {format_duration(self.time_constant)}'
         others = ''.join(f', {each}' for each in self.covariances)
         return f'normal({self.mean}, {self.deviation}{time}{others})'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Bounded(Uncertain):
     """A number that is known up to an error of at most `deviation`, of any distribution."""
 
@@ -301,7 +313,7 @@ class Bounded(Uncertain):
         return f'within({self.mean}, {self.deviation})'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sampled(Uncertain):
     """A number with known independent samples; the text `deviation` lists them."""
 
