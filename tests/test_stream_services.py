@@ -11,6 +11,7 @@ from itertools import count
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
@@ -124,6 +125,22 @@ def test_a_later_stream_has_the_value_that_is_kept(engine: Nodes) -> None:
     first, later = found['mode'][0], found['later'][0]
     assert list(later.fields) == [Field(type='float', name='kept', value='3.0')]
     assert later.valid_time == first.valid_time
+
+
+def test_a_later_built_in_source_repeats_no_kept_message(engine: Nodes) -> None:
+    """The streams of its topic received the kept message again, by its new subscription."""
+    topic = '/dock/_action/status'
+    publisher = engine.client.node.create_publisher(GoalStatusArray, topic, LATEST)
+    found = {name: engine.collect(Sample, f'/dyknow/streams/{name}') for name in ('goal', 'dock')}
+    create(engine, 'goal', f'select status_list[0].status as goal from "{topic}"')
+    publisher.publish(GoalStatusArray(status_list=[GoalStatus(status=GoalStatus.STATUS_EXECUTING)]))
+    engine.client.spin_until(lambda: found['goal'], 'a sample')
+    create(engine, 'dock', 'select name from action("/dock")')
+    engine.client.spin_until(lambda: found['dock'], 'the status that is kept')
+    publisher.publish(GoalStatusArray(status_list=[GoalStatus(status=GoalStatus.STATUS_ABORTED)]))
+    engine.client.spin_until(lambda: len(found['dock']) > 1, 'a later status')
+    values = {name: [each.fields[0].value for each in samples] for name, samples in found.items()}
+    assert values == {'goal': ['2', '6'], 'dock': ['EXECUTING', 'ABORTED']}
 
 
 def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:

@@ -80,14 +80,14 @@ class TopicSources:
 
     def refresh(self) -> None:
         """Subscribe to the topics that the dataflow needs now, and to no others."""
-        needed = self._dataflow.sources()
+        needed, owed = self._dataflow.sources(), self._dataflow.owed
         for topic in self._sources.keys() - needed.keys():
             self._sources.pop(topic).remove()
         for topic, fields in needed.items():
             known = self._sources.get(topic)
             if known is None:
                 self._add(topic, fields)
-            elif WHOLE in fields - known.fields:
+            elif WHOLE in fields - known.fields and not (topic in owed and known.keeps_all):
                 # Built-in sources need the messages that publishers keep: a new subscription.
                 known.remove()
                 self._add(topic, fields)
@@ -392,6 +392,11 @@ class _Source:
             is_initial=arrival.is_initial,
         )
         self.schedule()
+
+    @property
+    def keeps_all(self) -> bool:
+        """True if a new subscription would receive the kept message alone, of one publisher."""
+        return self.kept is not None and self.type_ is not None and self.type_.has_ordered_stamps
 
     def kept_sample(self, now: int) -> Sample | None:
         """Return the sample that a new subscription would receive now; None if there is none."""
