@@ -208,6 +208,23 @@ def test_signals_that_are_compared_share_a_panel() -> None:
     ]
 
 
+def test_the_stream_that_ended_a_formula_comes_first() -> None:
+    """With many streams, it was not shown at all."""
+    topics = [f'/t{number}' for number in range(MAX_PANELS + 2)]
+    samples = [sample(topic, n / 10, p=float(n)) for n in range(3) for topic in topics]
+    text = ' and '.join(f'"{topic}".p < 9' for topic in topics)
+    found = evaluate_recording(
+        recording(samples), [RequestedFormula(f'always ({text})')], keep_signals=True
+    )
+    violation = Violation('/t25', 'max_gap', at(0.2), at(0.3), 2, 1, 'broken')
+    error = RecordingError('/t25 is silent')
+    formula = replace(found.formulas[0], error=error, violations=(violation,))
+    shown, omitted = panels(formula)
+    assert [each.signals[0].name for each in shown[:2]] == ['"/t25".p', '"/t0".p']
+    assert omitted == 2
+    assert panels(replace(formula, error=None))[0][0].signals[0].name == '"/t0".p'
+
+
 def test_the_windows_of_pending_obligations() -> None:
     report = checked('eventually[1 s, 3 s] "/a".p > 5 and always "/a".p < 9', values=[1, 2, 3])
     (episode,) = report.formulas[0].episodes

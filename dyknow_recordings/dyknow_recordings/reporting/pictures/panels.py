@@ -149,7 +149,10 @@ def formula_text(formula: str) -> str:
 
 
 def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
-    """Return the panels of a formula, the decisive ones first, and the number of omitted ones."""
+    """Return the panels of a formula, and the number of omitted ones.
+
+    The panels of the stream that has ended the formula come first, then the decisive ones.
+    """
     if formula.signals is None:
         return [], 0
     decisive = formula.decisive
@@ -162,12 +165,23 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
     found = [_with_unit(each, formula.units) for each in found]
     found += _probability_panel(formula.asked_probability, formula.signals)
     found += _margin_panel(formula)
-    found.sort(key=lambda each: not each.is_decisive)
+    at_fault = _symbols_at_fault(formula)
+    found.sort(
+        key=lambda each: (at_fault.isdisjoint(it.name for it in each.signals), not each.is_decisive)
+    )
     if held := tuple(held_spans(formula.formula, formula.signals)):
         # Of all objects at once: it is seen also where decisive panels are many.
         relations = Panel('', ('relations that held',), (), (), is_decisive=False, relations=held)
         found.insert(1, relations)
     return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
+
+
+def _symbols_at_fault(formula: FormulaReport) -> set[str]:
+    """Return the symbols whose stream has ended a formula by its last violation."""
+    if formula.error is None or not formula.violations:
+        return set()
+    name = re.compile(rf'(?<![\w/]){re.escape(formula.violations[-1].stream_name)}(?![\w/])')
+    return {each.symbol for each in formula.groundings if name.search(each.stream)}
 
 
 def marks(formula: FormulaReport, whole: Span) -> Marks:
