@@ -27,7 +27,7 @@ from dyknow_stream_processing.dataflow.operators import (
 from dyknow_stream_processing.dataflow.received import OVERTAKEN, ReceivedViolations
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
-from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.parsing import LONG_TEXT, parse_specification
 from dyknow_stream_processing.language.required_fields import ALL, WHOLE, total_demand
 from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
 from dyknow_stream_processing.language.sinks import made, specifications_by_sink
@@ -70,6 +70,7 @@ __all__ = [
     'ALL',
     'DEFAULT_MAX_LEAD',
     'GAP_PERIODS',
+    'LONG_TEXT',
     'MAX_STEPS',
     'OTHER_CLOCK_NS',
     'OVERTAKEN',

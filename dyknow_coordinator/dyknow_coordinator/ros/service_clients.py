@@ -39,7 +39,7 @@ from dyknow_common.ros import (
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import EvaluationRequest
-from dyknow_stream_processing import in_namespace
+from dyknow_stream_processing import LONG_TEXT, in_namespace
 
 _SERVICES: Final = {
     'stream_manager': (StreamCreateFromSpec, StreamDestroy, StreamGetTopic),
@@ -66,8 +66,6 @@ _MOST_SOLUTIONS: Final = 1000
 _PLACED_ERROR: Final = re.compile(
     r'stream specification:\d+:\d+: (?P<reason>[^\n]*)\n.*', re.DOTALL
 )
-_LONG_TEXT: Final = 5000
-"""The characters of a specification that takes tens of milliseconds to parse."""
 
 
 async def ontology_solutions(ontology: RemoteNode, sparql: str) -> list[tuple[str, ...]]:
@@ -243,7 +241,7 @@ class ServiceClients:
         move = partial(in_namespace, specification, self._namespace, self.streams_namespace)
         spec = StreamSpec(
             name=name,
-            specification=await self._background.run(move, is_long=len(specification) > _LONG_TEXT),
+            specification=await self._background.run(move, is_long=len(specification) > LONG_TEXT),
             constraints=constraints_to_message(constraints),
         )
         try:

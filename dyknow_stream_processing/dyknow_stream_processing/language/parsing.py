@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, Final
 
 from lark import Token
 
@@ -36,6 +36,9 @@ from dyknow_stream_processing.language.specification import (
     Specification,
     Term,
 )
+
+LONG_TEXT: Final = 5000
+"""Characters of a specification that takes tens of milliseconds to parse."""
 
 
 @cached_by_text

@@ -9,15 +9,12 @@ from typing import Any, Final
 from dyknow_common import ExitCode, round_duration
 from dyknow_common.ros import Background, DyKnowNode
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.parsing import LONG_TEXT, parse_specification
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.reporting.silence import MAX_LAG_NS
 
 MAX_CHARACTERS: Final = 4_000_000
 """The characters of the specifications of all streams."""
-
-LONG_TEXT: Final = 5000
-"""Characters of a specification that takes tens of milliseconds to parse."""
 
 
 class StreamLimits:
