@@ -296,11 +296,8 @@ def test_other_objects_than_those_of_the_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('text', 'value'), [('true', True), ('false', False)])
 def test_the_order_of_a_topic(text: str, value: object, tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
     source = f'{{topic: /odom, field: x, max_delay: 1 s, reorder: {text}}}'
-    file.write_text(f'features:\n  X: {{from: {source}}}\n')
-    robot = read_robot(file)
-    (made,) = (each.text for each in robot.annotations if isinstance(each, InlineText))
+    (made,) = annotations(robot(tmp_path, f'features:\n  X: {{from: {source}}}\n'))
     (annotation,) = parse_annotations(made)
     assert annotation.constraints.reorder is value
     assert f'reorder = {text}' in str(annotation)
@@ -323,15 +320,7 @@ def test_all_constraints_in_all_languages(names: set[str], tmp_path: Path) -> No
     assert str(parse_specification(stream)) == stream
 
 
-def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
-    file.write_text('features:\n  X: {from: {topic: /odom, field: x, reorder: true}}\n')
-    with pytest.raises(ConfigurationError, match='max_delay'):
-        read_robot(file)
-
-
 EXPIRING = 'topic: /battery, field: percentage, max_delay: 1 s, max_gap: 2 s, expires: true'
-FORECAST = '{by: constant_velocity, horizons: 1 s}'
 
 
 @pytest.mark.parametrize(
@@ -343,40 +332,17 @@ FORECAST = '{by: constant_velocity, horizons: 1 s}'
     ],
 )
 def test_a_value_expires(features: str, tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
-    file.write_text(f'features: {features}\n')
-    (made,) = (each.text for each in read_robot(file).annotations if isinstance(each, InlineText))
+    (made,) = annotations(robot(tmp_path, f'features: {features}\n'))
     (annotation,) = parse_annotations(made)
     assert str(annotation.constraints) == 'max_delay = 1 s, max_gap = 2 s, expires = true'
 
 
-@pytest.mark.parametrize(
-    ('features', 'message'),
-    [
-        (f'{{Charge: {{from: {{{EXPIRING}}}}}}}', "add 'missing: unknown' to 'Charge'"),
-        (
-            '{Charge: {missing: unknown, from: {topic: /a, field: b, expires: true}}}',
-            'expires needs a max_gap',
-        ),
-        (
-            f'{{Charge: {{missing: unknown, forecast: {FORECAST}, from: {{{EXPIRING}}}}}}}',
-            'remove expires, or the forecast',
-        ),
-    ],
-)
-def test_a_value_that_cannot_expire(features: str, message: str, tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
-    file.write_text(f'features: {features}\n')
-    with pytest.raises(ConfigurationError, match=message):
-        read_robot(file)
-
-
 def test_an_uncertainty_does_not_expire_with_its_value(tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
     uncertainty = 'missing: unknown, uncertainty: {variance: error}'
-    file.write_text(f'features: {{Charge: {{{uncertainty}, from: {{{EXPIRING}}}}}}}\n')
-    texts = [each.text for each in read_robot(file).annotations if isinstance(each, InlineText)]
-    assert texts[1] == ('stream "/battery" contains Charge_variance = error with max_delay = 1 s;')
+    text = f'features: {{Charge: {{{uncertainty}, from: {{{EXPIRING}}}}}}}\n'
+    assert annotations(robot(tmp_path, text))[1] == (
+        'stream "/battery" contains Charge_variance = error with max_delay = 1 s;'
+    )
 
 
 NORMAL = "of: {r: R}, uncertainty: {variance: 'c[7]'}, from: {topic: /a, field: y}"
@@ -384,51 +350,21 @@ RELATED = 'of: {r: R}, uncertainty: {variance: v, %s}, from: {topic: /a, field: 
 
 
 def test_covariances(tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
     stated = RELATED % "time_constant: 2 s, covariances: {Y: 'c[1]', Z: -0.5}"
     features = f'  X: {{{stated}}}\n  Y: {{{NORMAL}}}\n  Z: {{{NORMAL}}}\n'
-    file.write_text(f'objects: {{R: [a]}}\nfeatures:\n{features}')
-    robot = read_robot(file)
-    (ontology,) = (each for each in robot.ontologies if isinstance(each, InlineText))
+    found = robot(tmp_path, f'objects: {{R: [a]}}\nfeatures:\n{features}')
+    (ontology,) = (each for each in found.ontologies if isinstance(each, InlineText))
     stated = 'normal(X, sqrt(X_variance), 2 s, covariance(Y, X_Y_covariance), covariance(Z, -0.5))'
     assert f'<dyknow:uncertainty>{stated}</dyknow:uncertainty>' in ontology.text
-    texts = [each.text for each in robot.annotations if isinstance(each, InlineText)]
-    assert 'stream "/a" contains X_Y_covariance[a] = c[1];' in texts
+    assert 'stream "/a" contains X_Y_covariance[a] = c[1];' in annotations(found)
 
 
 def test_samples(tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
     given = 'uncertainty: {samples: poses.position.x}, from: {topic: /a, field: x}'
-    file.write_text(f'features: {{X: {{{given}}}}}')
-    texts = [each.text for each in read_robot(file).annotations if isinstance(each, InlineText)]
-    assert texts[1] == 'stream "/a" contains X_samples = samples(poses.position.x);'
-    file.write_text(f'features: {{X: {{{given.replace("poses.position.x", "3")}}}}}')
-    with pytest.raises(ConfigurationError, match='numbers in an array; name the field'):
-        read_robot(file)
-    weighted = given.replace('position.x}', 'position.x, weights: particles.weight}')
-    file.write_text(f'features: {{X: {{{weighted}}}}}')
-    with pytest.raises(ConfigurationError, match='no interval is certain for samples with weights'):
-        read_robot(file)
-
-
-@pytest.mark.parametrize(
-    ('covariances', 'message'),
-    [
-        ('{W: 1}', "'W' is no other feature of the same sorts"),
-        ('{X: 1}', "'X' is no other feature of the same sorts"),
-        ('{One: 1}', "'One' is no other feature of the same sorts"),
-        ('{Exact: 1}', "'Exact' is no other feature of the same sorts"),
-        ('{Y: .nan}', 'a covariance is finite'),
-    ],
-)
-def test_covariances_that_are_none(covariances: str, message: str, tmp_path: Path) -> None:
-    file = tmp_path / 'robot.yaml'
-    features = f'X: {{{RELATED % f"covariances: {covariances}"}}}\n  Y: {{{NORMAL}}}'
-    file.write_text(
-        f'objects: {{R: [a]}}\nfeatures:\n  {features}\n  One: {{}}\n  Exact: {{of: {{r: R}}}}\n'
+    assert (
+        annotations(robot(tmp_path, f'features: {{X: {{{given}}}}}'))[1]
+        == 'stream "/a" contains X_samples = samples(poses.position.x);'
     )
-    with pytest.raises(ConfigurationError, match=message):
-        read_robot(file)
 
 
 def test_a_formula_states_the_constants_that_it_names() -> None:
@@ -463,6 +399,14 @@ def test_guards(tmp_path: Path) -> None:
     assert (arm.safe, arm.latch, arm.period, arm.timeout) == (None, True, 20_000_000, 10**9)
     assert arm.formulas[0].closed_text == 'p = 1'
     assert light.safe == {'data': {'x': [1, 2]}}
+
+
+def test_guards_in_a_row(tmp_path: Path) -> None:
+    guards = (
+        f'{{name: {i}_{o}, input: {i}, output: {o}, formulas: p > 0}}' for i, o in ('ab', 'bc')
+    )
+    found = robot(tmp_path, f'guards: [{", ".join(guards)}]').guards
+    assert [(each.input, each.output) for each in found] == [('a', 'b'), ('b', 'c')]
 
 
 def test_all_that_is_no_ontology_annotation_or_stream_is_exported(tmp_path: Path) -> None:
