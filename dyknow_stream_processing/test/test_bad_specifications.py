@@ -11,20 +11,23 @@ from dyknow_common import DyKnowError, LanguageError, StreamConstraints, ValueTy
 from dyknow_stream_processing import ALL, load_units
 
 BAD = sorted((Path(__file__).parent / 'bad_specifications').glob('*.stream'))
-FLOAT = ValueType.FLOAT
+FLOAT, STRING = ValueType.FLOAT, ValueType.STRING
 
 
 @pytest.fixture
 def known(flow_class: type[Flow]) -> Flow:
     units = load_units()
-    flow = flow_class({name: units[name] for name in ('distance', 'electrical_power', 'mean')})
+    names = ('distance', 'electrical_power', 'mean', 'minimum')
+    flow = flow_class({name: units[name] for name in names})
     flow.types = {
         '/battery': {'voltage': FLOAT, 'current': FLOAT, 'present': ValueType.BOOLEAN},
         '/scan': {'ranges[0..]': FLOAT, 'covariance[0..35]': FLOAT, 'points[0..].x': FLOAT},
-        '/tf': {'transforms[0..].child_frame_id': ValueType.STRING},
+        '/tf': {'transforms[0..].child_frame_id': STRING},
         '/dock/_action/status': {'data': FLOAT},
+        '/d': {'frame': STRING, 's[0..].name': STRING, 's[0..].z': ValueType.INT},
         '/odometry': {'x': FLOAT, 'y': FLOAT},
-        '/fleet': {'id': ValueType.STRING, 'pose.position.z': FLOAT, 'speed': FLOAT},
+        'a': {'x': ValueType.INT, 'y': ValueType.INT, 't': STRING},
+        '/fleet': {'id': STRING, 'pose.position.z': FLOAT, 'speed': FLOAT},
     }
     return flow.create('"/fleet"', name='fleet')
 

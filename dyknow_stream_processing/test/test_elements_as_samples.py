@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from dyknow_common import (
     NO_CONSTRAINTS,
     SECOND_NS,
     ArrayElements,
     FieldTypes,
-    LanguageError,
     Value,
     ValueType,
 )
@@ -115,31 +112,6 @@ def test_a_message_without_the_array_is_dropped() -> None:
         "'s' has 3 elements",
         'the message has no such array',
     ]
-
-
-@pytest.mark.parametrize(
-    ('text', 'expected'),
-    [
-        (
-            'select e.q from each s as e in "/d"',
-            "stream '/d' has no field 'e.q' (e has: name, z)",
-        ),
-        (
-            'select e.x from each frame as e in "/d"',
-            "stream '/d': 'frame' is not an array (arrays are in: s)",
-        ),
-        (
-            'select e.x from each s as e in (select frame from "/d")',
-            'has no arrays; take the elements of a topic',
-        ),
-        ('select index(e) from "/d"', 'index takes the element of: each ... as e in ...'),
-        ('select e.z from each s in "/d"', "unexpected 'in', expected 'as'"),
-    ],
-)
-def test_faults(text: str, expected: str) -> None:
-    with pytest.raises(LanguageError) as error:
-        Flow(text)
-    assert expected in str(error.value)
 
 
 def test_a_percent_sign_in_a_name() -> None:

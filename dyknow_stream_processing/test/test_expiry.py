@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_flow import MILLISECOND, Flow
 
-from dyknow_common import DyKnowError, ValueType
+from dyknow_common import ValueType
 
 GAP = 'with max_gap = 10 ms, max_delay = 3 ms, expires = true'
 
@@ -72,50 +72,6 @@ def test_another_engine_alone_knows_that_no_sample_is_in_time(flow: Flow) -> Non
     flow.push('a', 1001, 1002, watermark=2000, x=8)
     assert values(flow) == [(1001, 8.0), (1011, None)]
     assert flow.broken() == []
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('select x from "a" with max_gap = 1 s, expires = true', 'a max_delay, after which'),
-        ('select x from "a" with max_delay = 1 s, expires = true', 'expires needs a max_gap'),
-        (
-            f'select x from "a" {GAP}, sample_period = 5 ms',
-            'a sample_period allows no value to expire',
-        ),
-        (f'"a" {GAP}', '1:1: only the values of a select expire; select the numbers'),
-        (
-            f'select x from "a" {GAP} where y > 1',
-            '1:15: only the values of a select expire; .* write these constraints at its end',
-        ),
-        (f'sync(select x from "a") {GAP}', '1:1: only the values of a select expire'),
-        (
-            f'select x, t from "a" {GAP}',
-            "1:1: a value that expires is NaN, but 't' is a string; leave it out",
-        ),
-        (
-            f'select x as "x%t%" from "a" {GAP}',
-            "1:1: 'x%t%' has the values of several objects.*; select each object by itself",
-        ),
-    ],
-)
-def test_what_cannot_expire_says_so(flow: Flow, text: str, message: str) -> None:
-    flow.types['a'] = {'x': ValueType.INT, 'y': ValueType.INT, 't': ValueType.STRING}
-    with pytest.raises(DyKnowError, match=message):
-        flow.create(text)
-
-
-@pytest.mark.parametrize(
-    'text',
-    [
-        f'select x from (select x from "a" {GAP}) where x > 3',
-        f'compunit x: float minimum(x: float); stream s = minimum(select x from "a" {GAP})',
-        f'compunit x: float mean(x: float); stream s = mean(sync(select x from "a" {GAP}))',
-    ],
-)
-def test_nothing_hides_that_a_value_has_expired(flow: Flow, text: str) -> None:
-    with pytest.raises(DyKnowError, match='hide that a value has expired; let its own values'):
-        flow.create(text)
 
 
 def test_what_is_made_of_a_value_expires_with_it(flow: Flow) -> None:

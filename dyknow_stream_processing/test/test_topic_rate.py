@@ -7,9 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_flow import Flow
 
-from dyknow_common import LanguageError
-from dyknow_stream_processing import parse_specification
-
 
 def rates(flow: Flow) -> dict[float, float]:
     """Return the rates by valid time."""
@@ -84,19 +81,3 @@ def test_rates_against_their_definition(
         assert found.pop(float(tick)) == count * 1000 / window
     assert all(tick > until for tick in found)
     assert (flow.broken(), flow.drops) == ([], {})
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('rate("/")', 'rate takes a topic and perhaps a window, such as: rate("/scan", 2 s)'),
-        ('rate("a", "b")', 'rate takes a topic and perhaps a window'),
-        ('rate("a", 5 ms)', 'the window of a rate is 10 ms to 60 s, not 5 ms'),
-        ('rate("a", 2 min)', 'the window of a rate is 10 ms to 60 s, not 120 s'),
-        ('action("a", 2 s)', 'action takes no duration; rate does'),
-    ],
-)
-def test_rates_that_there_are_not(text: str, message: str) -> None:
-    with pytest.raises(LanguageError) as error:
-        parse_specification(text)
-    assert message in str(error.value)
