@@ -8,13 +8,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from dyknow_interfaces import srv
-from dyknow_interfaces.msg import ConstraintViolation, Field, StreamSpec
+from dyknow_interfaces.msg import ConstraintViolation, Field
 from dyknow_interfaces.msg import Sample as SampleMessage
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -29,7 +27,7 @@ from dyknow_stream_processing.ros.topics import node_topics
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage
-from services import Nodes, time_of
+from services import time_of
 from system import Client
 
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -68,6 +66,10 @@ class Recording:
 
     def broken(self) -> list[str]:
         return [violation.constraint for violation in self.violations]
+
+
+def wait_for_match(client: Client, publisher: Any) -> None:
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
 
 
 def wait_until_heard(client: Client, recording: Recording, publisher: Any, message: Any) -> None:
@@ -174,7 +176,7 @@ def test_a_topic_is_waited_for(client: Client) -> None:
 def test_with_a_type_the_first_message_is_received(client: Client) -> None:
     recording = Recording(client, '/a', message_type=Float64)
     publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, publisher)
     publisher.publish(Float64(data=1.0))
     client.spin_until(lambda: bool(recording.samples), 'a sample')
     assert recording.values() == [1.0]
@@ -236,7 +238,7 @@ def test_samples_are_put_in_order_and_late_ones_dropped(client: Client, count: i
         'select pose.pose.position.x as x from "/a"',
         constraints=StreamConstraints(max_delay=SECOND, reorder=True if count == 1 else None),
     )
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, publisher)
     now = client.node.get_clock().now().nanoseconds
     for x in (3, 1, 2):
         publisher.publish(odometry(now + x, float(x)))
@@ -264,7 +266,7 @@ def recorded_publisher(client: Client, message_type: Any = Odometry) -> tuple[An
         'select pose.pose.position.x as x from "/a"',
         constraints=StreamConstraints(max_delay=100 * SECOND),
     )
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, publisher)
     return publisher, recording
 
 
@@ -348,7 +350,7 @@ def test_a_message_that_comes_while_others_are_processed_is_not_ahead_of_the_clo
     """The process may have no processor after it has read the clock, before it takes messages."""
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
     recording = Recording(client, 'select pose.pose.position.x as x from "/a"')
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, publisher)
     read = client.node.get_clock().now().nanoseconds
     time.sleep(0.3)
     publisher.publish(odometry(client.node.get_clock().now().nanoseconds))
@@ -381,7 +383,7 @@ def test_stamps_that_are_zero_negative_or_equal(client: Client, paused_s: int) -
     """Messages stay in order, also where those without a stamp are received after a pause."""
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
     recording = Recording(client, 'select pose.pose.position.x as x from "/a" with max_lead = 9 s')
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, publisher)
     begun = client.node.get_clock().now().nanoseconds
     negative = odometry(begun)
     negative.header.stamp.sec = -5
@@ -471,7 +473,7 @@ def test_a_topic_with_several_types_is_an_error_once(
 def test_a_message_that_cannot_be_read_is_dropped(client: Client) -> None:
     publisher = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
     recording = Recording(client, '/a')
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, publisher)
     now = client.node.get_clock().now().nanoseconds
     for number, value in enumerate(('1', 'many', '2')):
         fields = [Field(type='int', name='data', value=value)]
@@ -579,7 +581,7 @@ def test_a_violation_that_waits_is_reported_before_later_samples(client: Client)
 def test_a_sample_that_overtakes_a_violation_is_reported(client: Client) -> None:
     source = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
     recording = Recording(client, '/a')
-    client.spin_until(lambda: source.get_subscription_count() == 1, 'the match')
+    wait_for_match(client, source)
     for _ in range(2):
         now = time_of(client.node.get_clock().now().nanoseconds)
         fields = [Field(type='int', name='data', value='1')]
@@ -587,27 +589,6 @@ def test_a_sample_that_overtakes_a_violation_is_reported(client: Client) -> None
     client.spin_until(lambda: len(recording.samples) == 2, 'samples')
     assert recording.broken() == ['lost', 'lost']
     assert 'has not arrived' in recording.violations[0].message
-
-
-def test_violations_cross_engines(tmp_path: Path) -> None:
-    with Nodes(tmp_path, stream_processing_engine={}) as nodes:
-        near = 'select data from "/tank" with max_delay = 1 s'
-        spec = StreamSpec(name='near', specification=near)
-        made = nodes.obtain('stream_processing_engine', srv.StreamCreateFromSpec, spec=spec)
-        recording = Recording(nodes.client, made.stream_topic)
-        publisher = nodes.client.node.create_publisher(SampleMessage, '/tank', RELIABLE)
-        late = SampleMessage(
-            valid_time=time_of(1), fields=[Field(type='int', name='data', value='1')]
-        )
-
-        def told() -> bool:
-            publisher.publish(late)
-            return bool(recording.violations)
-
-        nodes.client.spin_until(told, 'a violation')
-        violation = recording.violations[0]
-        assert (violation.stream_name, violation.constraint) == ('near', 'max_delay')
-        assert recording.proxy.drops == {}
 
 
 @pytest.mark.usefixtures('entities')

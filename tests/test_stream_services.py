@@ -166,6 +166,7 @@ def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:
     assert (violations[0].stream_name, violations[0].constraint) == ('fading', 'sample_period')
     assert nanoseconds(violations[0].valid_time) == last + PERIOD
     assert nanoseconds(violations[0].allowed) == PERIOD
+    assert nanoseconds(violations[0].available_time) > last
     assert 'fading' in violations[0].message
 
 
@@ -237,6 +238,7 @@ def test_stamps_ahead_of_the_clock(engine: Nodes) -> None:
     assert [each.constraint for each in (*violations, *broken)] == ['future'] * 3
     assert 25 * SECOND < nanoseconds(violations[0].observed) <= 30 * SECOND
     assert nanoseconds(violations[0].allowed) == PERIOD
+    assert nanoseconds(violations[0].available_time) > last
     assert nanoseconds(broken[0].allowed) == 60 * SECOND
 
     def reported() -> Any:

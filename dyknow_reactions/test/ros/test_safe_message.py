@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseArray, Twist, TwistStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Byte, String, UInt8
+from std_msgs.msg import Byte, String
 
 from dyknow_reactions.errors import ReactionError
 from dyknow_reactions.ros.guard.passage import safe_bytes, safe_message
@@ -39,23 +39,14 @@ def test_what_triggers_accept() -> None:
     ('class_', 'fields', 'said'),
     [
         (Twist, {'linear': {'x': 'fast'}}, 'field \'linear.x\': "fast" does not fit into float64'),
-        (Twist, {'linear': {'x': True}}, "field 'linear.x': true does not fit into float64"),
-        (Twist, {'linear': 0}, "field 'linear': 0 does not fit into geometry_msgs/msg/Vector3"),
         (
             Twist,
             {'linar': 0},
             "geometry_msgs/msg/Twist has no field 'linar'; did you mean 'linear'",
         ),
-        (UInt8, {'data': 256}, "field 'data': 256 does not fit into uint8, which holds integers"),
-        (UInt8, {'data': True}, "field 'data': true does not fit into uint8"),
-        (JointState, {'velocity': [1, True]}, "field 'velocity[1]': true does not fit"),
-        (JointState, {'velocity': ['1.5']}, 'field \'velocity[0]\': "1.5" does not fit'),
-        (JointState, {'velocity': [1, 2, 'nan']}, 'field \'velocity[2]\': "nan" does not fit'),
-        (JointState, {'name': [1]}, 'does not fit into string, which holds texts; quotes make'),
-        (String, {'data': None}, "field 'data': null does not fit into string"),
-        (String, {'data': 'a\0b'}, r"which holds texts; remove the character '\x00'"),
     ],
 )
 def test_what_does_not_fit(class_: type, fields: dict[str, object], said: str) -> None:
+    """All that does not fit is in the tests of the writer of messages."""
     with pytest.raises(ReactionError, match=f'safe: .*{re.escape(said)}'):
         safe_message(class_, fields)
