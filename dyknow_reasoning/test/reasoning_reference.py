@@ -8,10 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_args
 
+import numpy as np
 from hypothesis import strategies as st
 
 from dyknow_common import Value
-from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
+from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, UnknownFeatures
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -66,12 +67,14 @@ def started(
     *texts: str,
     domains: Mapping[str, Sequence[str]] | None = None,
     limits: FormulaLimits | None = None,
+    unknown: UnknownFeatures | None = None,
+    **asked: bool,
 ) -> FormulaGroup:
     """A group of formulas, named by their texts, that waits for its first state."""
     group = FormulaGroup(limits or FormulaLimits())
     for text in texts:
-        group.add_formula(text, text)
-    group.begin(domains or {})
+        group.add_formula(text, text, **asked)
+    group.begin(domains or {}, unknown or UnknownFeatures())
     return group
 
 
@@ -80,21 +83,39 @@ def begun(
     domains: Mapping[str, Sequence[str]] | None = None,
     *,
     limits: FormulaLimits | None = None,
+    unknown: UnknownFeatures | None = None,
     **asked: bool,
 ) -> tuple[FormulaGroup, int]:
     """A group of one formula that waits for its first state, and the number of the formula."""
     group = FormulaGroup(limits or FormulaLimits())
     number = group.add_formula('it', text, **asked)
-    group.begin(domains or {})
+    group.begin(domains or {}, unknown or UnknownFeatures())
     return group, number
 
 
-def with_history(text: str) -> FormulaGroup:
+def with_history(
+    text: str,
+    domains: Mapping[str, Sequence[str]] | None = None,
+    *,
+    limits: FormulaLimits | None = None,
+    unknown: UnknownFeatures | None = None,
+) -> FormulaGroup:
     """A group without a formula, which remembers what one that comes later looks back to."""
-    group = FormulaGroup()
-    group.begin({})
+    group = started(domains=domains, limits=limits, unknown=unknown)
     group.keep_history(text)
     return group
+
+
+def progressed(group: FormulaGroup, trace: Trace) -> list[FormulaResult]:
+    """The results of states that come one by one."""
+    return [result for time, values in trace for result in group.progress(time, values)]
+
+
+def progressed_many(group: FormulaGroup, trace: Trace) -> list[FormulaResult]:
+    """The results of the same states as columns."""
+    names = trace[0][1] if trace else ()
+    columns = {name: np.array([values[name] for _, values in trace]) for name in names}
+    return group.progress_many([time for time, _ in trace], columns)
 
 
 def disjunction(values: Iterable[bool | None]) -> bool | None:
@@ -244,24 +265,23 @@ def intervals() -> st.SearchStrategy[Interval]:
     return st.one_of(bounded, bounds.map(Interval), st.just(Interval()))
 
 
-def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
+def of_present_and_future(inner: st.SearchStrategy[Formula]) -> list[st.SearchStrategy[Formula]]:
+    """Connectives, counts and operators of the future."""
     connectives = [st.builds(kind, inner, inner) for kind in (And, Or, Implies, Equivalent)]
     temporal = [st.builds(kind, inner, intervals()) for kind in (Always, Eventually)]
+    members = st.lists(inner, min_size=1, max_size=4).map(tuple)
+    count = st.builds(CountOf, st.sampled_from(CountBound), st.integers(0, 4), members)
+    until = st.builds(Until, inner, inner, intervals())
+    return [st.builds(Not, inner), count, *connectives, *temporal, until]
+
+
+def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     operands = st.tuples(inner, inner)
     past = [
         st.builds(past_operator, st.just(kind), operands, intervals())
         for kind in get_args(PastFormula)
     ]
-    members = st.lists(inner, min_size=1, max_size=4).map(tuple)
-    count = st.builds(CountOf, st.sampled_from(CountBound), st.integers(0, 4), members)
-    return st.one_of(
-        st.builds(Not, inner),
-        count,
-        *connectives,
-        *temporal,
-        *past,
-        st.builds(Until, inner, inner, intervals()),
-    )
+    return st.one_of(*of_present_and_future(inner), *past)
 
 
 def past_operator(

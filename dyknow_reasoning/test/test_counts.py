@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import begun, counted, formulas, intervals
+from reasoning_reference import begun, counted, formulas, intervals, started
 from test_paths import OBJECTS, grounded
 from test_progression import irregular, verdicts
 
@@ -152,11 +152,9 @@ def test_a_count_is_its_expansion(
 def test_a_quantifier_is_a_count_of_its_instances(
     bound: CountBound, number: int, body: Formula, data: st.DataObject
 ) -> None:
-    group = FormulaGroup()
     members = ', '.join(grounded(body, name) for name in OBJECTS)
-    group.add_formula('it', f'{bound} {number} x in S: ({grounded(body, "x")})')
-    group.add_formula('it', f'{bound} {number} of ({members})')
-    group.begin({'S': OBJECTS})
+    quantified = f'{bound} {number} x in S: ({grounded(body, "x")})'
+    group = started(quantified, f'{bound} {number} of ({members})', domains={'S': OBJECTS})
     found = group.decided_at_once()
     for time in range(8):
         state: dict[str, float | bool] = {}
@@ -186,10 +184,8 @@ def test_steps_over_many_atoms_do_not_fill_the_memory(
 ) -> None:
     name = '_MAX_NODES' if limit is automaton else '_MAX_ENTRIES'
     monkeypatch.setattr(limit, name, 100)
-    group = FormulaGroup()
-    group.add_formula('it', 'always at least 2 u in S: P[u]')
     objects = [f'o{index}' for index in range(16)]
-    group.begin({'S': objects})
+    group, _ = begun('always at least 2 u in S: P[u]', {'S': objects})
     sizes = set()
     for time in range(1000):
         state = {

@@ -7,7 +7,7 @@ from reasoning_reference import begun
 from test_formula_group import POWER
 
 from dyknow_common import Value
-from dyknow_reasoning import FormulaGroup, FormulaResult, ground_atoms, objects_text, parse_formula
+from dyknow_reasoning import FormulaResult, ground_atoms, objects_text, parse_formula
 
 
 def decided(
@@ -198,9 +198,7 @@ def test_verdicts(text: str, columns: dict[str, list[Value]], expected: str) -> 
 
 
 def test_what_remains_shows_no_control_character() -> None:
-    group = FormulaGroup()
-    formula = group.add_formula('', 'let k = m in eventually[0 s, 5 s] m != k')
-    group.begin({})
+    group, formula = begun('let k = m in eventually[0 s, 5 s] m != k')
     group.progress(0, {'m': 'a\x1b[31m'})
     assert group.residual(formula) == r'eventually[0 s, 5 s] (m != "a\u001b[31m")'
 

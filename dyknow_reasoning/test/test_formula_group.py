@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from reasoning_reference import begun
+from reasoning_reference import begun, progressed
 from reasoning_reference import started as started_over
 
 from dyknow_common import ExitCode, LanguageError, Symbol, SymbolKind, Value, Verdict
@@ -30,8 +30,7 @@ RESPONSE = 'always not p -> eventually[0,1000] always[0,999] p'
 
 
 def run(text: str, states: list[tuple[int, dict[str, Value]]]) -> list[FormulaResult]:
-    group = started(text)
-    return [result for time, values in states for result in group.progress(time, values)]
+    return progressed(started(text), states)
 
 
 def fleet_power(first: float, second: float) -> dict[str, Value]:
@@ -106,10 +105,7 @@ def test_ground_features_that_simplify_away_are_not_needed() -> None:
     ],
 )
 def test_formulas_that_need_no_state(text: str, verdict: Verdict) -> None:
-    asked, not_asked = FormulaGroup(), FormulaGroup()
-    for group in (asked, not_asked):
-        group.add_formula('it', text)
-        group.begin({'None': []})
+    asked, not_asked = (started(text, domains={'None': []}) for _ in range(2))
     [result] = asked.decided_at_once()
     assert (result.verdict, result.decided_at) == (verdict, None)
     assert 'whatever the states are' in result.explanation
@@ -150,14 +146,11 @@ def test_opposite_comparisons_share_an_atom(opposites: str) -> None:
 
 
 def test_forall_over_nothing_is_true_and_each_formula_is_reported_once() -> None:
-    group = FormulaGroup()
-    group.add_formula('nothing', 'forall x in None: always P[x]')
-    group.add_formula('p', 'p')
-    group.add_formula('always', 'always p')
-    group.begin({'None': []})
+    nothing = 'forall x in None: always P[x]'
+    group = started(nothing, 'p', 'always p', domains={'None': []})
     first = group.progress(0, {'p': True})
-    assert [result.name for result in first] == ['nothing', 'p']
-    assert [result.name for result in group.progress(1, {'p': False})] == ['always']
+    assert [result.name for result in first] == [nothing, 'p']
+    assert [result.name for result in group.progress(1, {'p': False})] == ['always p']
     assert group.progress(2, {}) == []
 
 
@@ -285,12 +278,7 @@ def test_many_states_at_once() -> None:
     times = np.arange(100) * 100 * MS
     first, second = np.full(100, 140.0), np.full(100, 160.0)
     columns = {'Power[uav1]': first, 'Power[uav2]': second}
-    one_by_one = started(POWER)
-    expected = [
-        result
-        for time, *row in zip(times.tolist(), first.tolist(), second.tolist(), strict=True)
-        for result in one_by_one.progress(time, fleet_power(*row))
-    ]
+    expected = run(POWER, [(time, fleet_power(140.0, 160.0)) for time in times.tolist()])
     assert started(POWER).progress_many(times, columns) == expected
     assert len(expected) == 1
     flags = started('eventually p').progress_many([1, 2], {'p': np.array([False, True])})
@@ -304,19 +292,16 @@ EXPLOSIVE = 'always (p -> eventually[0, 50 s] (q and always[0, 20 s] (r or event
 
 def test_node_limit() -> None:
     group = started(EXPLOSIVE, 'always p', limits=FormulaLimits(node_limit=200))
-    results = [
-        result
-        for index in range(100)
-        for result in group.progress(
-            index * 100 * MS,
-            {'p': True, 'q': index % 3 == 0, 'r': index % 5 == 0, 's': index % 7 == 0},
-        )
-    ]
+    results = progressed(
+        group,
+        [
+            (i * 100 * MS, {'p': True, 'q': i % 3 == 0, 'r': i % 5 == 0, 's': i % 7 == 0})
+            for i in range(100)
+        ],
+    )
     assert [result.name for result in results] == [EXPLOSIVE]
-    assert results[0].error is not None
-    assert (
-        "more than 200 (the limit 'node_limit'): 7 windows of eventually[0 s, 50 s]"
-        in results[0].error.message
+    assert "more than 200 (the limit 'node_limit'): 7 windows of eventually[0 s, 50 s]" in str(
+        results[0].error
     )
 
 

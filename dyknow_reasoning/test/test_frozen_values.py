@@ -13,6 +13,7 @@ from reasoning_reference import (
     begun,
     holds,
     intervals,
+    of_present_and_future,
     random_cases,
 )
 from test_gaps import Segments, check_sound, verdict
@@ -33,14 +34,10 @@ from dyknow_reasoning.language.formula import (
     Always,
     And,
     Comparison,
-    CountBound,
-    CountOf,
-    Equivalent,
     Eventually,
     Formula,
     Freeze,
     Implies,
-    Not,
     Once,
     Or,
     Previous,
@@ -73,12 +70,7 @@ def formulas(
     if not depth:
         return leaf
     inner = formulas(depth - 1, known, past=past)
-    connectives = [st.builds(kind, inner, inner) for kind in (And, Or, Implies, Equivalent)]
-    temporal = [st.builds(kind, inner, intervals()) for kind in (Always, Eventually)]
-    members = st.lists(inner, min_size=1, max_size=3).map(tuple)
-    count = st.builds(CountOf, st.sampled_from(CountBound), st.integers(0, 3), members)
-    until = st.builds(Until, inner, inner, intervals())
-    others = [st.builds(Not, inner), count, until, *connectives, *temporal]
+    others = of_present_and_future(inner)
     if past and not known:
         others.append(st.builds(Once, formulas(depth - 1, (), past=False).filter(keeps_nothing)))
     kept = freezes(depth, known, past=past)
@@ -278,9 +270,8 @@ def test_open_values_are_errors(every_state: bool) -> None:  # noqa: FBT001
     """It is not progressed over all that they may be."""
     text = 'p -> let v = x in eventually[0 s, 3 s] x > v'
     for value in (None, float('nan')):
-        group = FormulaGroup()
-        group.add_formula('it', text, every_state=every_state)
-        group.begin({}, UnknownFeatures(all_may_be=True))
+        unknown = UnknownFeatures(all_may_be=True)
+        group, _ = begun(text, unknown=unknown, every_state=every_state)
         assert not group.progress(0, {'p': True, 'x': 1.0})
         (result,) = group.progress(1, {'p': True, 'x': value})
         assert "the field 'x' holds" in str(result.error)

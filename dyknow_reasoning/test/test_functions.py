@@ -7,15 +7,14 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import begun, random_cases
+from reasoning_reference import begun, progressed, progressed_many, random_cases, started
 from test_paths import plain
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, parse_formula
+from dyknow_reasoning import FormulaResult, ReasoningError, parse_formula
 from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.language.formula import Comparison
 from dyknow_reasoning.progression.atoms import evaluate
@@ -175,22 +174,13 @@ def results_on_all_paths(
 ) -> list[list[FormulaResult]]:
     """The results of formulas over columns: by states and by vectors, for one and for many."""
     found = []
-    (size,) = set(map(len, columns.values()))
+    rows = zip(*columns.values(), strict=True)
+    trace = [(time, dict(zip(columns, row, strict=True))) for time, row in enumerate(rows)]
     for batch, many in product((1, 1000), (False, True)):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
-            group = FormulaGroup()
-            for text in texts:
-                group.add_formula(text, text)
-            group.begin(domains or {})
-            if many:
-                arrays = {name: np.array(column) for name, column in columns.items()}
-                results = group.progress_many(range(size), arrays)
-            else:
-                results = []
-                for index in range(size):
-                    state = {name: column[index] for name, column in columns.items()}
-                    results += group.progress(index, state)
+            progress = progressed_many if many else progressed
+            results = progress(started(*texts, domains=domains), trace)
             found.append([plain(each) for each in results])
     return found
 

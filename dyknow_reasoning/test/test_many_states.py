@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import begun, comparable, formulas, random_cases
+from reasoning_reference import begun, comparable, formulas, progressed, random_cases, started
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.errors import ReasoningError
@@ -87,13 +87,11 @@ def compare(
     node_limit: int = 100_000,
 ) -> None:
     """Check that results, and what remains after each batch, are equal."""
-    one_by_one, at_once = (FormulaGroup(FormulaLimits(node_limit=node_limit)) for _ in range(2))
-    for group in (one_by_one, at_once):
-        for number, text in enumerate(formulas_):
-            group.add_formula(f'formula {number}', text)
-        group.begin({'Thing': [f'o{number}' for number in range(objects)]})
+    domains = {'Thing': [f'o{number}' for number in range(objects)]}
+    limits = FormulaLimits(node_limit=node_limit)
+    one_by_one, at_once = (started(*formulas_, domains=domains, limits=limits) for _ in range(2))
     for batch, is_gap in zip(batches, [*gaps, *[False] * len(batches)], strict=False):
-        expected = [each for time, row in rows(batch) for each in one_by_one.progress(time, row)]
+        expected = progressed(one_by_one, list(rows(batch)))
         assert comparable(at_once.progress_many(*batch)) == comparable(expected)
         assert remaining(at_once) == remaining(one_by_one)
         if is_gap:

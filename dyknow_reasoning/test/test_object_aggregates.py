@@ -203,11 +203,8 @@ def test_texts_tell_variables_from_objects(formula: str) -> None:
     for values in product((0, 1, 2), repeat=2):
         found = []
         for name in ('v', 'a', 'b'):
-            group = FormulaGroup()
-            number = group.add_formula(
-                '', formula.replace('NAME', name), margin='prev' not in formula
-            )
-            group.begin({'S': 'ab'})
+            text = formula.replace('NAME', name)
+            group, number = begun(text, {'S': 'ab'}, margin='prev' not in formula)
             state = {f'X[{each}]': value for each, value in zip('ab', values, strict=True)}
             results = [*group.progress(0, state), *group.progress(1, state)]
             margin = group.margin(number)

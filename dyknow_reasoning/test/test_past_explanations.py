@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
 import pytest
-from reasoning_reference import begun
+from reasoning_reference import begun, progressed, progressed_many, started
 
 S = 1_000_000_000
 NO = {'p': False, 'q': False}
@@ -17,15 +16,10 @@ States = Sequence[tuple[float, Mapping[str, bool]]]
 
 def texts(text: str, states: States) -> set[str]:
     """The explanations of one by one, as a recording, and of the first failing state."""
-    group, _ = begun(text)
-    results = [each for time, row in states for each in group.progress(int(time * S), row)]
-    group, _ = begun(text)
-    times = [int(time * S) for time, _ in states]
-    columns = {name: np.array([row[name] for _, row in states]) for name in states[0][1]}
-    results += group.progress_many(times, columns)
+    trace = [(int(time * S), row) for time, row in states]
+    results = [*progressed(started(text), trace), *progressed_many(started(text), trace)]
     group, number = begun(text.removeprefix('always '), every_state=True)
-    for time, row in states:
-        group.progress(int(time * S), row)
+    progressed(group, trace)
     [episode] = group.standing.summary(number).latest_episodes
     found = {each.explanation.partition(' (always must hold')[0] for each in results}
     return found | {episode.explanation}

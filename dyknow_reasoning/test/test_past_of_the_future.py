@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from random import Random
 
-import numpy as np
 import pytest
-from reasoning_reference import NAMES, Trace, begun, holds, random_cases, with_history
+from reasoning_reference import (
+    NAMES,
+    Trace,
+    begun,
+    holds,
+    progressed,
+    progressed_many,
+    random_cases,
+    started,
+    with_history,
+)
 
 from dyknow_common import Verdict
 from dyknow_reasoning import (
@@ -97,11 +106,8 @@ def random_trace(random: Random, most: int = 12) -> Trace:
 
 def delayed(text: str, trace: Trace) -> list[Outcome]:
     """The outcomes from each state on, by evaluations that begin with the first state."""
-    group = FormulaGroup()
-    for time, _ in trace:
-        delay = time - trace[0][0]
-        group.add_formula('it', f'eventually[{delay} ns, {delay} ns] ({text})')
-    group.begin({})
+    delays = [time - trace[0][0] for time, _ in trace]
+    group = started(*(f'eventually[{each} ns, {each} ns] ({text})' for each in delays))
     return outcomes(range(1, len(trace) + 1), progressed(group, trace))
 
 
@@ -119,26 +125,16 @@ def kept(text: str, trace: Trace) -> list[Outcome]:
 def kept_at_once(text: str, trace: Trace, begin: int) -> Outcome:
     """The same from one state on, if states come in two blocks."""
     group = with_history(text)
-    assert not list(progressed_many(group, trace[:begin]))
+    assert not progressed_many(group, trace[:begin])
     number = group.add_formula('it', text)
     return outcomes([number], progressed_many(group, trace[begin:]))[0]
-
-
-def progressed(group: FormulaGroup, trace: Trace) -> Iterator[FormulaResult]:
-    for time, values in trace:
-        yield from group.progress(time, values)
-
-
-def progressed_many(group: FormulaGroup, trace: Trace) -> list[FormulaResult]:
-    columns = {name: np.array([each[name] for _, each in trace]) for name in NAMES}
-    return group.progress_many([time for time, _ in trace], columns)
 
 
 def standing(text: str, trace: Trace) -> list[Outcome]:
     group, number = begun(text, every_state=True)
     monitor = group.standing.formulas[number].monitor
     log = monitor.keep_all()
-    assert not list(progressed(group, trace))
+    assert not progressed(group, trace)
     verdicts = start_verdicts(monitor, log, [time for time, _ in trace])
     return [(each.verdict, each.decided_at) if each.verdict else None for each in verdicts]
 
@@ -255,10 +251,8 @@ def test_a_history_is_known_again_after_its_window(is_gap: bool) -> None:  # noq
 
 
 def test_without_an_end_a_history_stays_unknown() -> None:
-    group = FormulaGroup()
-    group.begin({})
     text = 'previous eventually[0, 1 ns] q'
-    group.keep_history(text)
+    group = with_history(text)
     group.progress(1, {'q': True})
     group.gap()
     group.progress(5, {'q': True})
@@ -268,10 +262,8 @@ def test_without_an_end_a_history_stays_unknown() -> None:
 
 
 def test_what_a_history_remembers_is_limited() -> None:
-    group = FormulaGroup(FormulaLimits(node_limit=20))
-    group.begin({})
     text = 'once[0, 100 ns] (p and eventually[0, 100 ns] q)'
-    group.keep_history(text)
+    group = with_history(text, limits=FormulaLimits(node_limit=20))
     for time in range(1, 40):
         assert not group.progress(time, {'p': True, 'q': False})
     group.add_formula('it', text)
@@ -298,10 +290,8 @@ def test_memory_does_not_grow_with_states() -> None:
 
 
 def test_what_needs_no_state_has_one_result() -> None:
-    group = FormulaGroup()
-    group.begin({'S': ['a', 'b']})
     text = 'forall x in S: x = a and once[0, 9 ns] eventually[0, 1 ns] q'
-    group.keep_history(text)
+    group = with_history(text, {'S': ['a', 'b']})
     group.add_formula('other', 'eventually not q')
     group.progress(1, {'q': True})
     group.gap()

@@ -17,6 +17,8 @@ from reasoning_reference import (
     formulas,
     holds,
     past_value_of,
+    progressed,
+    progressed_many,
     random_cases,
 )
 from test_gaps import Segments, check_sound, fillings, segments, verdict
@@ -90,9 +92,8 @@ def traces(draw: st.DrawFn) -> Trace:
 def results(text: str, trace: Trace, *, at_once: bool = False, **asked: Any) -> list[FormulaResult]:
     group, _ = begun(text, **asked)
     if at_once:
-        columns = {name: np.array([values[name] for _, values in trace]) for name in trace[0][1]}
-        return group.progress_many([time for time, _ in trace], columns)
-    found = [result for time, values in trace for result in group.progress(time, values)]
+        return progressed_many(group, trace)
+    found = progressed(group, trace)
     return group.decided_at_once() + found
 
 
@@ -129,9 +130,7 @@ def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> Non
     for size in (1, len(trace)):
         group, number = begun(str(formula), every_state=True)
         for first in range(0, len(trace), size):
-            part = trace[first : first + size]
-            columns = {name: [values[name] for _, values in part] for name in NAMES}
-            group.progress_many([time for time, _ in part], columns)
+            progressed_many(group, trace[first : first + size])
         found = group.standing.formulas[number].monitor.counts()
         assert (found.holds, found.fails) == (expected.count(True), expected.count(False))
 
@@ -236,18 +235,13 @@ STATES = [(i * SECOND, {'x': float(x), 'mode': mode}) for i, (x, mode) in enumer
 )
 def test_explanations(text: str, explanation: str) -> None:
     found = results(text, STATES)
-    columns = {name: [values[name] for _, values in STATES] for name in STATES[0][1]}
-    group, _ = begun(text)
-    assert group.progress_many([time for time, _ in STATES], columns) == found
+    assert results(text, STATES, at_once=True) == found
     assert [explanation in each.explanation for each in found] == [True] * bool(explanation)
 
 
 def test_objects_have_values_of_their_own() -> None:
-    group = FormulaGroup()
-    group.add_formula(
-        'it', 'forall r in R: always not max(x[r] - prev(x[r]), count(On[r], 1 s)) > 1'
-    )
-    group.begin({'R': [f'r{index}' for index in range(5)]})
+    text = 'forall r in R: always not max(x[r] - prev(x[r]), count(On[r], 1 s)) > 1'
+    group, _ = begun(text, {'R': [f'r{index}' for index in range(5)]})
     for time in range(5):
         values: dict[str, Any] = {f'x[r{i}]': float(time * (i == 3) * time) for i in range(5)}
         values |= {f'On[r{i}]': False for i in range(5)}

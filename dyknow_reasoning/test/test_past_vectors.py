@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 import pytest
-from reasoning_reference import begun, random_cases
+from reasoning_reference import begun, progressed, random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -74,7 +74,7 @@ def outcomes(group: FormulaGroup, states: States, gaps: set[int], blocks: set[in
             columns = {name: [values[name] for _, values in part] for name in part[0][1]}
             found += group.progress_many([time for time, _ in part], columns)
         else:
-            found += [each for state in part for each in group.progress(*state)]
+            found += progressed(group, part)
     told = [(each.name, each.verdict, each.decided_at, each.explanation) for each in found]
     return told, [str(each.error) for each in found], group.standing.summary(1)
 

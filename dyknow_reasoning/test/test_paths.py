@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import formulas, random_cases
+from reasoning_reference import begun, formulas, random_cases
+from reasoning_reference import started as started_over
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.execution import instance_pool
@@ -142,19 +143,16 @@ def test_absent_fields_matter_only_while_needed(
     batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     set_limits(monkeypatch, batch, 1 << 14, 1 << 16)
-    group = FormulaGroup()
-    for name in OBJECTS:
-        group.add_formula(name, f'(eventually P[{name}]) and always Q[{name}]')
-    group.begin({})
+    texts = {name: f'(eventually P[{name}]) and always Q[{name}]' for name in OBJECTS}
+    group = started_over(*texts.values())
     every = {f'{feature}[{name}]': True for name in OBJECTS for feature in 'PQ'}
     assert group.progress(0, every) == []
     assert group.progress(1, {f'Q[{name}]': True for name in OBJECTS}) == []
     [failed] = group.progress(2, {f'Q[{name}]': True for name in OBJECTS[1:]})
-    assert failed.error is not None
-    assert "no field 'Q[a]'" in failed.error.message
+    assert "no field 'Q[a]'" in str(failed.error)
     values = {f'Q[{name}]': name != 'c' for name in OBJECTS[1:]}
     [false] = group.progress(3, values)
-    assert false.name == 'c'
+    assert false.name == texts['c']
 
 
 NUMBERS = st.one_of(
@@ -191,11 +189,8 @@ def test_arithmetic_is_the_same_over_columns(
     for batch in (1, 1000):
         with pytest.MonkeyPatch.context() as patch:
             set_limits(patch, batch, 1 << 14, 1 << 16)
-            group = FormulaGroup()
-            for name in OBJECTS:
-                text = f'A[x] < 1 or {left} {operator} {right}'.replace('[x]', f'[{name}]')
-                group.add_formula(name, text)
-            group.begin({})
+            text = f'A[x] < 1 or {left} {operator} {right}'
+            group = started_over(*(text.replace('[x]', f'[{name}]') for name in OBJECTS))
             found.append([plain(result) for result in group.progress(0, state)])
     assert found[0] == found[1]
 
@@ -207,11 +202,8 @@ def test_what_remains_is_the_same_in_a_batch(
     texts = []
     for batch in (1, 1000):
         set_limits(monkeypatch, batch, configurations_, 1 << 16)
-        group = FormulaGroup()
-        number = group.add_formula(
-            'all', 'forall x in S: always (P[x] -> eventually[1 ms, 5 ms] not P[x])'
-        )
-        group.begin({'S': OBJECTS})
+        text = 'forall x in S: always (P[x] -> eventually[1 ms, 5 ms] not P[x])'
+        group, number = begun(text, {'S': OBJECTS})
         for time in range(12):
             state = {f'P[{name}]': time % 5 > index for index, name in enumerate(OBJECTS)}
             assert group.progress(time * 1_000_000, state) == []
@@ -224,18 +216,16 @@ def test_what_remains_is_the_same_in_a_batch(
 @pytest.mark.parametrize('batch', [1, 1000])
 def test_the_node_limit_counts_all_instances(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, batch, 1 << 14, 1 << 16)
-    group = FormulaGroup(FormulaLimits(node_limit=60))
-    group.add_formula('all', 'forall x in S: always (P[x] -> eventually[5 ms, 9 ms] not P[x])')
-    group.add_formula('one', 'always P[a]')
-    group.begin({'S': OBJECTS})
+    text, limits = 'always (P[x] -> eventually[5 ms, 9 ms] not P[x])', FormulaLimits(node_limit=60)
+    group = started_over(
+        f'forall x in S: {text}', 'always P[a]', domains={'S': OBJECTS}, limits=limits
+    )
     state = {f'P[{name}]': True for name in OBJECTS}
     results = [result for time in range(8) for result in group.progress(time * 1_000_000, state)]
     [failed] = results
-    assert failed.name == 'all'
-    assert failed.error is not None
-    assert (
-        "more than 60 (the limit 'node_limit'): 3 windows of eventually[5 ms, 9 ms]"
-        in failed.error.message
+    assert failed.name == f'forall x in S: {text}'
+    assert "more than 60 (the limit 'node_limit'): 3 windows of eventually[5 ms, 9 ms]" in str(
+        failed.error
     )
 
 

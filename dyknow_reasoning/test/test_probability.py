@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import begun, holds, intervals
+from reasoning_reference import begun, holds, intervals, started
+from reasoning_reference import progressed as progressed_over
 
 from dyknow_common import DyKnowError, ProbabilityInterval, Verdict
 from dyknow_reasoning import FormulaGroup, ReasoningError, TrialFormula, parse_formula
@@ -419,10 +420,8 @@ def test_a_probability_that_will_not_be_known_is_an_error() -> None:
 
 
 def test_missing_states_leave_a_probability_unknown() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'P(always[0, 2 s] normal(x, s) > 0) >= 0.9')
-    group.add_formula('it', 'always P(normal(x, s) > 0) >= 0.9')
-    group.begin({})
+    texts = 'P(always[0, 2 s] normal(x, s) > 0) >= 0.9', 'always P(normal(x, s) > 0) >= 0.9'
+    group = started(*texts)
     group.progress(0, NEAR[0])
     group.gap()
     results = [each for n in (5, 6, 7) for each in group.progress(n * 10**9, NEAR[0])]
@@ -639,17 +638,12 @@ def test_states_as_columns_give_the_same_verdicts() -> None:
     at = np.arange(30) * 10**9
     found = []
     for many in (True, False):
-        group = FormulaGroup()
-        for text in texts:
-            group.add_formula(text, text)
-        group.begin({})
         if many:
-            results = group.progress_many(at, columns)
+            results = started(*texts).progress_many(at, columns)
         else:
-            results = []
-            for index, time in enumerate(at.tolist()):
-                state = {name: each[index].item() for name, each in columns.items()}
-                results += group.progress(time, state)
+            rows = zip(*(each.tolist() for each in columns.values()), strict=True)
+            states = [dict(zip(columns, row, strict=True)) for row in rows]
+            results = progressed_over(started(*texts), list(zip(at.tolist(), states, strict=True)))
         found.append(sorted((each.formula_id, each.verdict, each.decided_at) for each in results))
     assert found[0] == found[1]
     assert len(found[0]) == 3
@@ -696,12 +690,11 @@ def test_errors_that_cancel_out_leave_a_certain_comparison(
     constant: str, atom: str, asked: str
 ) -> None:
     """As of an object with itself, among all pairs."""
-    group = FormulaGroup()
     declared = f'let X ~ normal(X, 1{constant}), Y ~ normal(Y, 1{constant}) in '
     pairs = 'forall a in Robot: forall b in Robot: '
-    for body in (atom, f'always[0 s, 1 s] {atom}'):
-        group.add_formula('f', f'{declared}{pairs}P({body}) {asked}')
-    group.begin({'Robot': ('r1',)})
+    bodies = (atom, f'always[0 s, 1 s] {atom}')
+    texts = (f'{declared}{pairs}P({body}) {asked}' for body in bodies)
+    group = started(*texts, domains={'Robot': ('r1',)})
     state = {'X[r1]': 0.3, 'Y[r1]': 2.0, 'c': 0.0}
     found = [each for second in range(3) for each in group.progress(second * 10**9, state)]
     assert [(each.verdict, each.error) for each in found] == [(Verdict.TRUE, None)] * 2

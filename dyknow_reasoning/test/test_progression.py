@@ -21,7 +21,7 @@ from reasoning_reference import (
 )
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, parse_formula
+from dyknow_reasoning import parse_formula
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -216,11 +216,7 @@ def test_the_left_side_of_until_need_not_hold_at_the_first_state() -> None:
 
 
 def test_what_remains_may_nest_deeply() -> None:
-    group = FormulaGroup()
-    formula_id = group.add_formula(
-        'deep', '(eventually[0, 900] p) until[0, 5 s] (always[0, 900] q)'
-    )
-    group.begin({})
+    group, formula_id = begun('(eventually[0, 900] p) until[0, 5 s] (always[0, 900] q)')
     for time in range(250):
         assert group.progress(time * 3_000_000, {'p': False, 'q': True}) == []
     assert group.residual(formula_id).count('until') == 1

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reasoning_reference import begun
 from scipy.stats import binomtest
 
 from dyknow_common import DyKnowError, ProbabilityInterval
-from dyknow_reasoning import FormulaGroup, parse_formula
+from dyknow_reasoning import parse_formula
 from dyknow_reasoning.execution import probability_of
 
 X, Y = 'sampled(x, xs)', 'sampled(y, ys)'
@@ -73,10 +74,8 @@ def test_the_interval_has_its_confidence() -> None:
 
 
 def test_a_formula_asks_for_the_share_of_samples_at_each_state() -> None:
-    group = FormulaGroup()
     text = 'let x ~ sampled(x, xs) in forall r in R: always P(x[r] > 1) > 0.5'
-    asked = group.add_formula('it', text)
-    group.begin({'R': ['a']})
+    group, asked = begun(text, {'R': ['a']})
     many = ' '.join(['2'] * 90 + ['0'] * 10)
     assert not group.progress(0, {'x[a]': 1.0, 'xs[a]': many})
     found = group.probability(asked)

@@ -9,11 +9,18 @@ from itertools import accumulate, product
 from random import Random
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import Trace, begun, holds, random_cases
+from reasoning_reference import (
+    Trace,
+    begun,
+    holds,
+    progressed,
+    progressed_many,
+    random_cases,
+    with_history,
+)
 from spatial_reference import OBJECTS
 from test_paths import plain, set_limits
 
@@ -202,16 +209,14 @@ def test_all_paths_give_the_same_results(
     for batch, many in product((1, 1000), (0, 1, 2)):
         with pytest.MonkeyPatch.context() as patch:
             set_limits(patch, batch, 1 << 14, 1 << 16)
-            group = started(text)
-            results: list[FormulaResult] = []
-            columns: dict[str, Any] = {name: [each[name] for each in states] for name in states[0]}
+            group, stated = started(text), list(zip(times, states, strict=True))
             if many == 2 and bad is None:
-                columns = {name: np.array(column) for name, column in columns.items()}
-            if many:
+                results = progressed_many(group, stated)
+            elif many:
+                columns = {name: [each[name] for each in states] for name in states[0]}
                 results = group.progress_many(times, columns)
             else:
-                for time, values in zip(times, states, strict=True):
-                    results += group.progress(time, values)
+                results = progressed(group, stated)
             found.append([plain(each) for each in results])
     assert all(each == found[0] for each in found)
 
@@ -337,9 +342,8 @@ def test_wrong_objects_and_lengths() -> None:
 
 
 def test_unknown_values_are_errors() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', f'eventually {NEAR}somewhere[0, 90 m] Base[s]')
-    group.begin({'R': ['r1', 'r2', 'r3']}, UnknownFeatures(all_may_be=True))
+    text, unknown = f'eventually {NEAR}somewhere[0, 90 m] Base[s]', UnknownFeatures(all_may_be=True)
+    group, _ = begun(text, {'R': ['r1', 'r2', 'r3']}, unknown=unknown)
     (result,) = group.progress(0, {**VALUES, 'Base[r1]': None})
     assert "the field 'Base[r1]' holds a value of type NoneType" in str(result.error)
 
@@ -350,9 +354,7 @@ def test_trials_and_later_formulas() -> None:
     trial = TrialFormula(text, {'R': ['r1', 'r2', 'r3']})
     assert not trial.holds(1, {**VALUES, 'Base[r1]': False})
     assert trial.holds(1, VALUES)
-    group = FormulaGroup()
-    group.begin({'R': ['r1', 'r2', 'r3']})
-    group.keep_history(text)
+    group = with_history(text, {'R': ['r1', 'r2', 'r3']})
     for time, is_base, verdict in ((0, False, Verdict.FALSE), (1, True, Verdict.TRUE)):
         for later in range(2):
             number = group.add_formula('it', text)
@@ -438,13 +440,8 @@ def test_a_variable_with_the_name_of_an_object(origins: str, links: str, body: s
     for values in product((0, 1, 2), repeat=3):
         found = []
         for name in ('v', 'a', 'b', 'c'):
-            group = FormulaGroup()
-            group.add_formula('', text.replace('NAME', name))
-            group.begin({'S': 'abc'})
+            group, _ = begun(text.replace('NAME', name), {'S': 'abc'})
             features = {f'N[{each}]': value for each, value in zip('abc', values, strict=True)}
-            results = [
-                each for time in (0, 1, 2) for each in group.progress(time * 10**9, features)
-            ]
-            (result,) = results
+            (result,) = progressed(group, [(time * 10**9, features) for time in (0, 1, 2)])
             found.append((result.verdict, result.decided_at))
         assert found == found[:1] * 4

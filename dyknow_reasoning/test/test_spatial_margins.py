@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from margin_reference import Step, ended, margin
-from reasoning_reference import begun, random_cases
+from reasoning_reference import begun, random_cases, started
 from spatial_margin_reference import least
 from spatial_reference import OBJECTS
 from test_spatial import NUMBERS, random_text
@@ -225,12 +225,11 @@ def test_quantifiers_in_operands(objects: str, quantifier: str, variable: str) -
     }.get(quantifier, f'{quantifier} of ({", ".join(members)})')
     quantified = f'{quantifier} {variable} in T: (N[{variable}] < N[s])'
     over = 'always over (N[x] <= N[y] for x, y in S) from b to s: somewhere[0, 2 hops]'
-    groups = []
-    for body in (quantified, written):
-        group = FormulaGroup()
-        group.add_formula('', f'{over} ({body})', margin=True, every_state=True)
-        group.begin({'S': objects, 'T': names})
-        groups.append(group)
+    domains = {'S': objects, 'T': names}
+    groups = [
+        started(f'{over} ({body})', domains=domains, margin=True, every_state=True)
+        for body in (quantified, written)
+    ]
     for time in range(20):
         state = {f'N[{each}]': float(random.randint(0, 9)) for each in objects}
         found = []

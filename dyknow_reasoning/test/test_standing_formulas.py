@@ -5,6 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
+from reasoning_reference import begun as begun_over
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.execution.standing import standing_monitor
@@ -14,9 +15,7 @@ RESPONSE = 'alarm -> eventually[0 s, 2 s] stopped'
 
 
 def begun(text: str, **domains: list[str]) -> tuple[FormulaGroup, int]:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text, every_state=True)
-    group.begin(domains)
+    group, formula_id = begun_over(text, domains, every_state=True)
     assert bool(group.decided_at_once()) != bool(group.symbols())
     return group, formula_id
 
@@ -183,10 +182,8 @@ def test_too_many_runs_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_node_limit_is_that_of_single_evaluations() -> None:
-    group = FormulaGroup(FormulaLimits(node_limit=56))
     text = 'always[0, 9 ns] (p -> eventually[0, 5 ns] (q and always[0, 2 ns] (r or p)))'
-    group.add_formula('it', text, every_state=True)
-    group.begin({})
+    group, _ = begun_over(text, limits=FormulaLimits(node_limit=56), every_state=True)
     random = Random(1)  # noqa: S311 - no secret
     for time in range(100):
         values = {name: random.random() < 0.7 for name in 'pqr'}

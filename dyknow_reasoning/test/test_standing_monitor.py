@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import begun, formulas
+from reasoning_reference import begun, formulas, progressed, started, with_history
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -49,12 +49,9 @@ def outcomes(text: str, domains: Domains, states: States) -> list[Outcome]:
     found: list[Outcome] = []
     is_past = looks_back(parse_formula(text))
     for start, (begin, _, _) in enumerate(states):
-        group = FormulaGroup()
-        group.begin(domains)
+        group = with_history(text, domains) if is_past else started(domains=domains)
         if is_past:
-            group.keep_history(text)
-            for time, values, _ in states[:start]:
-                group.progress(time, values)
+            progressed(group, [(time, values) for time, values, _ in states[:start]])
         group.add_formula('it', text)
         outcome: Outcome = None
         for time, values, is_gap in states[start:]:

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import accumulate, product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals
+from reasoning_reference import LEAVES, NAMES, Trace, holds, of_present_and_future, started
 from reasoning_reference import formulas as reference_formulas
 
 from dyknow_common import Alternatives, Margin, Value, Verdict, choices
 from dyknow_reasoning import FormulaGroup, UnknownFeatures
 from dyknow_reasoning.language.formula import (
-    Always,
-    And,
-    Equivalent,
-    Eventually,
     Formula,
-    Implies,
-    Not,
-    Or,
-    Until,
 )
 
 NEVER = -1
@@ -41,15 +33,10 @@ def either(*values: Value) -> Value:
 
 
 def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
-    connectives = [st.builds(kind, inner, inner) for kind in (And, Or, Implies, Equivalent)]
-    temporal = [st.builds(kind, inner, intervals()) for kind in (Always, Eventually)]
-    until = st.builds(Until, inner, inner, intervals())
-    return st.one_of(st.builds(Not, inner), *connectives, *temporal, until)
+    return st.one_of(of_present_and_future(inner))
 
 
 FORMULAS = deeper(deeper(deeper(LEAVES) | LEAVES) | LEAVES)
-
-
 NAME = st.sampled_from(NAMES)
 BOOLEANS = st.sampled_from([False, True, False, True, either(False, True), either(True, False)])
 
@@ -58,15 +45,6 @@ BOOLEANS = st.sampled_from([False, True, False, True, either(False, True), eithe
 def uncertain_traces(draw: st.DrawFn) -> Uncertain:
     steps = draw(st.lists(st.integers(1, 4), min_size=1, max_size=7))
     return [(time, {name: draw(BOOLEANS) for name in NAMES}) for time in accumulate(steps)]
-
-
-def begun(
-    formula: str, domains: Mapping[str, Sequence[str]] | None = None, *, every_state: bool = False
-) -> FormulaGroup:
-    group = FormulaGroup()
-    group.add_formula('', formula, every_state=every_state)
-    group.begin(domains or {})
-    return group
 
 
 def outcome(group: FormulaGroup, trace: Uncertain) -> tuple[Verdict | None, int]:
@@ -88,7 +66,7 @@ def chosen(trace: Uncertain) -> list[Trace]:
 
 def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
     """The verdict of a group after each state."""
-    group = begun(str(formula))
+    group = started(str(formula))
     found, verdict = [], Verdict.UNDECIDED
     for time, values in trace:
         for result in group.progress(time, values):
@@ -99,7 +77,7 @@ def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
 
 @given(FORMULAS, uncertain_traces())
 def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
-    told, number = outcome(begun(str(formula)), trace)
+    told, number = outcome(started(str(formula)), trace)
     found = [verdicts(formula, each) for each in chosen(trace)]
     expected: tuple[Verdict | None, int] = Verdict.UNDECIDED, NEVER
     for state in range(len(trace)):
@@ -119,9 +97,7 @@ def test_choices_and_unknown_values_are_all_evaluated(
 ) -> None:
     """Values of the past, too, may be unknown or have alternatives."""
     unknown = {(number % len(trace), name) for number, name in missing[:4]}
-    group = FormulaGroup()
-    group.add_formula('', str(formula))
-    group.begin({}, UnknownFeatures({'p': (0, 1)}, all_may_be=True))
+    group = started(str(formula), unknown=UnknownFeatures({'p': (0, 1)}, all_may_be=True))
     given_states = [
         (time, {n: math.nan if (i, n) in unknown else each for n, each in values.items()})
         for i, (time, values) in enumerate(trace)
@@ -148,7 +124,7 @@ def test_choices_and_unknown_values_are_all_evaluated(
 @given(FORMULAS, uncertain_traces(), st.integers(0, 6))
 def test_no_verdict_is_wrong_after_a_gap(formula: Formula, trace: Uncertain, gap: int) -> None:
     """States are missing: the verdict is that of all choices, whatever they were."""
-    group, kept = begun(str(formula)), [*trace[:gap], *trace[gap + 1 :]]
+    group, kept = started(str(formula)), [*trace[:gap], *trace[gap + 1 :]]
     results = []
     for number, (time, values) in enumerate(kept):
         if number == gap:
@@ -174,7 +150,7 @@ def test_no_verdict_on_the_past_is_wrong(
     """Alternatives that make no difference to comparisons are as good as a known value."""
     text = re.sub(r'\bq\b', '(y > 1)', re.sub(r'\bp\b', '(x > 1)', str(formula)))
     trace = [(time, {'x': x, 'y': y}) for time, (x, y) in enumerate(values)]
-    verdict, _ = outcome(begun(text), trace)
+    verdict, _ = outcome(started(text), trace)
     if verdict in {Verdict.TRUE, Verdict.FALSE}:
         for each in chosen(trace):
             known = [(time, {'p': v['x'] > 1, 'q': v['y'] > 1}) for time, v in each]  # type: ignore[operator]
@@ -182,7 +158,7 @@ def test_no_verdict_on_the_past_is_wrong(
 
 
 def test_an_instance_decides_for_all() -> None:
-    group = begun('forall x in S: always[0 s, 1 s] P[x]', {'S': ['a', 'b']})
+    group = started('forall x in S: always[0 s, 1 s] P[x]', domains={'S': ['a', 'b']})
     assert not group.progress(0, {'P[a]': either(True, False), 'P[b]': True})
     (result,) = group.progress(1, {'P[a]': True, 'P[b]': False})
     assert (result.verdict, result.objects) == (Verdict.FALSE, 'x = b')
@@ -192,16 +168,16 @@ def test_an_instance_decides_for_all() -> None:
 def test_many_features_may_be_open_at_once() -> None:
     """Of each instance, only its own ones count."""
     names = [f'o{number}' for number in range(50)]
-    group = begun('forall x in S: always[0 s, 1 s] P[x] > 2', {'S': names})
+    group = started('forall x in S: always[0 s, 1 s] P[x] > 2', domains={'S': names})
     assert not group.progress(0, {f'P[{each}]': 5.0 for each in names})
     assert not group.progress(1, {f'P[{each}]': either(1.0, 5.0) for each in names})
-    group = begun('always (exists x in S: P[x] > 2)', {'S': names})
+    group = started('always (exists x in S: P[x] > 2)', domains={'S': names})
     (result,) = group.progress(0, {f'P[{each}]': either(1.0, 5.0) for each in names})
     assert f'{REASON}: too much for this formula' in str(result.error)
 
 
 def test_the_error_names_the_clocks_and_the_window() -> None:
-    group = begun('always[0 s, 1 s] (p -> eventually[0 s, 0.5 s] q)')
+    group = started('always[0 s, 1 s] (p -> eventually[0 s, 0.5 s] q)')
     group.progress(0, {'p': True, 'q': False})
     group.progress(400_000_000, {'p': False, 'q': either(False, True)})
     (result,) = group.progress(2_000_000_000, {'p': False, 'q': False})
@@ -209,7 +185,7 @@ def test_the_error_names_the_clocks_and_the_window() -> None:
 
 
 def test_what_makes_no_difference_is_like_any_other_value() -> None:
-    group = begun('always x > 2')
+    group = started('always x > 2')
     assert not group.progress(0, {'x': either(3.0, 4.0)})
     assert group.residual(1) == 'always (x > 2)'
     assert not group.presumably_false(1)
@@ -219,14 +195,14 @@ def test_what_makes_no_difference_is_like_any_other_value() -> None:
 
 def test_columns_with_alternatives_give_the_same() -> None:
     """They are texts, which no mode equals."""
-    group = begun('always[0, 2 ns] (x > 1 or mode = "LAND")')
+    group = started('always[0, 2 ns] (x > 1 or mode = "LAND")')
     columns = {'x': [2.0, either(2.0, 3.0), 0.0], 'mode': ['RTL', 'RTL', either('LAND', 'LAND')]}
     (result,) = group.progress_many(range(3), columns)
     assert result.verdict is Verdict.TRUE
 
 
 def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
-    group = begun('always p')
+    group = started('always p')
     group.progress(0, {'p': True})
     assert not group.progress(1, {'p': either(True, False)})
     want = f'undecided for want of p since 0.000000001 s: {REASON}; false if not p at 0.000000001 s'
@@ -247,7 +223,7 @@ def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
     ],
 )
 def test_what_needs_known_times_is_refused(formula: str, *, every_state: bool, reason: str) -> None:
-    group = begun(formula, {'R': ['x']}, every_state=every_state)
+    group = started(formula, domains={'R': ['x']}, every_state=every_state)
     assert not group.progress(0, {'p': True, 'q': True, 'x': 1.0, 'L[x, x]': True, 'P[x]': True})
     values = {'p': either(True, False), 'q': True, 'x': either(1.0, 2.0)}
     (result,) = group.progress(1, {**values, 'L[x, x]': True, 'P[x]': either(True, False)})
@@ -257,21 +233,20 @@ def test_what_needs_known_times_is_refused(formula: str, *, every_state: bool, r
 
 def test_objects_share_what_is_open() -> None:
     """One of them fails in each case, and it is not known which one."""
-    group = begun('forall x in S: (x = a and p) or (x = b and not p)', {'S': ['a', 'b']})
+    group = started('forall x in S: (x = a and p) or (x = b and not p)', domains={'S': ['a', 'b']})
     (result,) = group.progress(0, {'p': either(True, False)})
     assert result.verdict is Verdict.FALSE
 
 
 def test_an_unknown_number_is_compared_with_each_alternative() -> None:
-    group = FormulaGroup()
-    group.add_formula('', 'x < y or x > y or x = y and y > 1')
-    group.begin({}, UnknownFeatures({'x': (0, 9)}))
+    unknown = UnknownFeatures({'x': (0, 9)})
+    group = started('x < y or x > y or x = y and y > 1', unknown=unknown)
     (result,) = group.progress(0, {'x': math.nan, 'y': either(2.0, 3.0)})
     assert result.verdict is Verdict.TRUE
 
 
 def test_the_past_may_be_known() -> None:
-    group = begun('always (x > 2 -> once[0 ns, 3 ns] y > 1)')
+    group = started('always (x > 2 -> once[0 ns, 3 ns] y > 1)')
     assert not group.progress(0, {'x': 3.0, 'y': either(2.0, 3.0)})
     assert not group.progress(2, {'x': either(3.0, 4.0), 'y': 0.0})
     (result,) = group.progress(4, {'x': 3.0, 'y': either(0.0, 1.0)})
@@ -279,14 +254,14 @@ def test_the_past_may_be_known() -> None:
 
 
 def test_a_formula_about_single_states_is_not_asked_at_open_ones() -> None:
-    group = begun('p', every_state=True)
+    group = started('p', every_state=True)
     for time, p in enumerate((True, either(True, False), False, either(False, True), True)):
         assert not group.progress(time, {'p': p})
         assert (REASON in group.standing.omitted.values()) is isinstance(p, Alternatives)
         assert (REASON in group.residual(1)) is isinstance(p, Alternatives)
     summary = group.standing.summary(1)
     assert (summary.holds, summary.fails, summary.unknown) == (2, 1, 2)
-    group = begun('p -> eventually[0 s, 1 s] q', every_state=True)
+    group = started('p -> eventually[0 s, 1 s] q', every_state=True)
     assert not group.progress(0, {'p': False, 'q': False})
     (result,) = group.progress(1, {'p': either(False, True), 'q': False})
     assert 'too much for a formula with operators of the future' in str(result.error)
@@ -362,9 +337,9 @@ def measured(draw: st.DrawFn) -> tuple[Uncertain, Trace]:
 @given(NUMERIC_FORMULAS, measured())
 def test_no_verdict_over_intervals_is_wrong(formula: str, traces: tuple[Uncertain, Trace]) -> None:
     told, true = traces
-    verdict, number = outcome(begun(formula), told)
+    verdict, number = outcome(started(formula), told)
     if verdict in {Verdict.TRUE, Verdict.FALSE}:
-        group, expected = begun(formula), list[Verdict]()
+        group, expected = started(formula), list[Verdict]()
         for time, values in true[: number + 1]:
             expected += [result.verdict for result in group.progress(time, values)]
         assert expected == [verdict], formula
@@ -377,17 +352,17 @@ def within(value: float, error: float = 0.5) -> Value:
 
 
 def test_intervals_decide_what_they_can() -> None:
-    group = begun('always x > 1')
+    group = started('always x > 1')
     assert group.progress(0, {'x': within(1.6)}) == []
     assert group.progress(1, {'x': within(1.4)}) == []
     (found,) = group.progress(2, {'x': within(0.4)})
     assert found.verdict is Verdict.FALSE
-    (found,) = begun('hypot(x, y) > 2').progress(0, {'x': within(2), 'y': 3.0})
+    (found,) = started('hypot(x, y) > 2').progress(0, {'x': within(2), 'y': 3.0})
     assert found.verdict is Verdict.TRUE
 
 
 def test_an_interval_that_matters_ends_a_formula() -> None:
-    (found,) = begun('x > 1').progress(0, {'x': within(1.4)})
+    (found,) = started('x > 1').progress(0, {'x': within(1.4)})
     assert 'x is shared with a deadband of 0.5: too much for this formula' in str(found.error)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from hypothesis import assume, given
-from reasoning_reference import NAMES, Trace, formulas
+from reasoning_reference import NAMES, Trace, formulas, started
 from test_unknown_values import (
     ANY,
     PartialTrace,
@@ -27,10 +27,9 @@ def standing(
     unknown: UnknownFeatures = ANY,
     limits: FormulaLimits | None = None,
 ) -> FormulaGroup:
-    group = FormulaGroup(limits or FormulaLimits(possibility_limit=100_000))
-    group.add_formula('f', text, every_state=True)
-    group.begin({'S': tuple(objects)}, unknown)
-    return group
+    limits = limits or FormulaLimits(possibility_limit=100_000)
+    domains = {'S': tuple(objects)}
+    return started(text, domains=domains, unknown=unknown, limits=limits, every_state=True)
 
 
 def known(text: str, trace: Trace) -> list[list[bool | None]]:

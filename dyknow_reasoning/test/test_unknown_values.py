@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from margin_reference import ended, margin
-from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds
+from reasoning_reference import COMPARISONS, NAMES, Trace, begun, formulas, holds, with_history
+from reasoning_reference import started as started_over
 
 from dyknow_common import Alternatives, Value, Verdict, format_time
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures, parse_formula
@@ -25,10 +26,8 @@ PartialTrace = list[tuple[int, State]]
 
 
 def started(text: str, objects: Iterable[str] = (), unknown: UnknownFeatures = ANY) -> FormulaGroup:
-    group = FormulaGroup(FormulaLimits(possibility_limit=100_000))
-    group.add_formula('f', text)
-    group.begin({'S': tuple(objects)}, unknown)
-    return group
+    limits = FormulaLimits(possibility_limit=100_000)
+    return started_over(text, domains={'S': tuple(objects)}, limits=limits, unknown=unknown)
 
 
 def decided(group: FormulaGroup, states: Iterable[tuple[int, State]]) -> tuple[int, Verdict] | None:
@@ -366,10 +365,8 @@ def test_a_truth_that_decides_alone_is_named(text: str, states: list[State], exp
 )
 def test_what_is_unknown_before_a_start(past: str, holds: int, fails: int, unknown: int) -> None:
     """Objects share it."""
-    group = FormulaGroup()
-    for text in (past, f'forall u in S: u = a <-> {past}'):
-        group.add_formula(text, text, every_state=True)
-    group.begin({'S': ('a', 'b')}, ANY)
+    texts, domains = (past, f'forall u in S: u = a <-> {past}'), {'S': ('a', 'b')}
+    group = started_over(*texts, domains=domains, unknown=ANY, every_state=True)
     for second, x in enumerate((0, None, 0, 2, 0)):
         assert not group.progress(second * 10**9, {'x': x})
     alone, shared = (group.standing.summary(each) for each in (1, 2))
@@ -453,21 +450,17 @@ def test_what_was_unknown_and_makes_no_difference_is_not_named() -> None:
 
 
 def test_features_that_may_not_be_unknown_are_errors() -> None:
-    group = FormulaGroup()
-    for text in ('always x > 1', 'always y > 1'):
-        group.add_formula(text, text)
-    group.begin({}, UnknownFeatures({'x': (0.0, 9.0)}))
+    unknown = UnknownFeatures({'x': (0.0, 9.0)})
+    group = started_over('always x > 1', 'always y > 1', unknown=unknown)
     (result,) = group.progress(0, {'x': None, 'y': None})
     assert result.name == 'always y > 1'
     assert "'y' holds a value of type NoneType" in str(result.error)
 
 
 def test_a_limit_of_cases() -> None:
+    names, limits = [f'o{number}' for number in range(10)], FormulaLimits(possibility_limit=100)
     text = 'exists u in S: always C[u] > 1'
-    group = FormulaGroup(FormulaLimits(possibility_limit=100))
-    group.add_formula('f', text)
-    names = [f'o{number}' for number in range(10)]
-    group.begin({'S': names}, ANY)
+    group, _ = begun(text, {'S': names}, unknown=ANY, limits=limits)
     (result,) = group.progress(0, {f'C[{name}]': None for name in names})
     assert "more than 100 possibilities (the limit 'possibility_limit')" in str(result.error)
 
@@ -488,13 +481,12 @@ def test_objects_with_too_many_cases_stay_apart_while_they_remember_a_shared_val
     x: float | None, expected: Verdict | None
 ) -> None:
     """Each has representatives of its own for `x`, relative to its own `C`."""
-    group = FormulaGroup(FormulaLimits(possibility_limit=30))
     body = (
         '(P[u] -> eventually[0 s, 15 s] Q[u]) and (prev(x) > 1 -> G[u]) and '
         '(x > C[u] -> H[u]) and (y > 0 -> H[u])'
     )
-    group.add_formula('f', f'forall u in S: always[0 s, 20 s] ({body})')
-    group.begin({'S': ('a', 'b')}, ANY)
+    text, limits = f'forall u in S: always[0 s, 20 s] ({body})', FormulaLimits(possibility_limit=30)
+    group, _ = begun(text, {'S': ('a', 'b')}, unknown=ANY, limits=limits)
     known: dict[str, Value | None] = {'x': 0.0, 'y': 0.0, 'C[a]': 2.0, 'C[b]': 5.0}
     known |= {f'{name}[{u}]': name in 'GH' for name in 'PQGH' for u in 'ab'}
     states = [{'P[a]': None, 'P[b]': None}] * 5
@@ -508,10 +500,8 @@ def test_objects_with_too_many_cases_stay_apart_while_they_remember_a_shared_val
 def test_a_probability_of_later_states_beside_unknown_values(constant: str) -> None:
     """Several objects share it, and values that make no difference leave no trace."""
     probability = f'P(always[0 s, 30 s] normal(x, 1{constant}) > 0) >= 0.5'
-    group = FormulaGroup()
     text = f'forall u in S: {probability} and always[0 s, 30 s] (w > 0 or Q[u])'
-    group.add_formula('f', text)
-    group.begin({'S': ('a', 'b')}, ANY)
+    group, _ = begun(text, {'S': ('a', 'b')}, unknown=ANY)
     known = {'x': 9.0, 'Q[a]': True, 'Q[b]': True}
     trace = [(second * 10**9, {**known, 'w': None}) for second in range(30)]
     assert decided(group, [*trace, (30 * 10**9, {**known, 'w': 1.0})]) == (30, Verdict.TRUE)
@@ -521,11 +511,7 @@ def test_recordings_give_the_same() -> None:
     nan = float('nan')
     columns = {'x': [2.0, 2.0, nan, 2.0, 0.0, 2.0], 'y': [1.0] * 6}
     for texts in (('always x > 1', 'always y > 0'), ('eventually x < 1', 'always x > 1')):
-        alone, many = FormulaGroup(), FormulaGroup()
-        for group in (alone, many):
-            for text in texts:
-                group.add_formula(text, text)
-            group.begin({}, ANY)
+        alone, many = (started_over(*texts, unknown=ANY) for _ in range(2))
         one_by_one = [
             result
             for number, row in enumerate(zip(*columns.values(), strict=True))
@@ -584,9 +570,7 @@ def test_an_unknown_value_after_the_effect_of_a_gap(text: str) -> None:
     """It makes the same difference as without the gap."""
     found = []
     for has_gap in (True, False):
-        group = FormulaGroup()
-        group.begin({}, ANY)
-        group.keep_history(text)
+        group = with_history(text, unknown=ANY)
         if has_gap:
             group.progress(1, {'x': 2, 'p': True})
             group.gap()
@@ -610,9 +594,7 @@ COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
 def test_margins_of_all_completions_are_within_bounds(
     formula: Formula, trace: PartialTrace
 ) -> None:
-    group = FormulaGroup()
-    group.add_formula('f', str(formula), margin=True)
-    group.begin({}, RANGES)
+    group, _ = begun(str(formula), unknown=RANGES, margin=True)
     for states, (time, values) in enumerate(trace, 1):
         has_ended = bool(group.progress(time, values))
         found = group.margin(1)
@@ -641,9 +623,8 @@ def test_margins_of_all_completions_are_within_bounds(
     ],
 )
 def test_margins_have_bounds(text: str, lower: float, upper: float) -> None:
-    group = FormulaGroup()
-    group.add_formula('f', text, margin=True)
-    group.begin({'S': ('a', 'b')}, UnknownFeatures({**RANGES.ranges, 'z': (-inf, inf)}))
+    unknown = UnknownFeatures({**RANGES.ranges, 'z': (-inf, inf)})
+    group, _ = begun(text, {'S': ('a', 'b')}, unknown=unknown, margin=True)
     for second, x in enumerate((None, 2.0, 2.0)):
         group.progress(second * 10**9, {'x': x, 'y': 2.0, 'z': None})
     found = group.margin(1)
