@@ -221,12 +221,6 @@ def test_huge_lengths_end_at_once() -> None:
     assert faults == {SHORT: 1}
 
 
-def test_messages_that_are_not_cdr_and_those_without_a_byte() -> None:
-    fields, faults = read('uint8 x\n', ['x'], b'', b'\0\7\0\0\1', b'\0\1\0\0\1', b'\0\1')
-    assert fields.intact.tolist() == [False, False, True, False]
-    assert faults == {SHORT: 2, 'a message is not serialised by CDR': 1}
-
-
 def test_unknown_types() -> None:
     with pytest.raises(RecordingError, match="the message type 'made_up/msg/Top' is unknown"):
         TypeLayout(TypeDefinition('made_up/msg/Top'))

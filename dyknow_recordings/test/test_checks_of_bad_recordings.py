@@ -1,4 +1,4 @@
-"""The command `dyknow check` on recordings that are damaged or odd, and on other formats."""
+"""The command `dyknow check` on recordings that are damaged or odd."""
 
 from __future__ import annotations
 
@@ -8,29 +8,16 @@ from typing import Any
 
 import pytest
 from running_checks import run_check
-from small_bags import START, channel, chunk, mcap, messages, record, schema, stored, write
-from small_logs import log
+from small_bags import START, channel, mcap, messages, record, schema, stored, write
 
 from dyknow_common import SECOND_NS
 
 HOUR_NS = 3600 * SECOND_NS
 NUMBER = schema(1, 'made_up/msg/Number', 'int32 x\n') + channel(1, 1, '/x')
-STAMPED = (
-    'std_msgs/Header header\nint32 x\n'
-    + '=' * 80
-    + '\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n'
-    + '=' * 80
-    + '\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n'
-)
-TRACE = 'time_s,x,ready\n0.0,1,true\n0.5,2,true\n1.0,9,\n'
 
 
 def number(x: int) -> bytes:
     return b'\0\1\0\0' + struct.pack('<i', x)
-
-
-def stamped(stamp: int, x: int) -> bytes:
-    return b'\0\1\0\0' + struct.pack('<iIIxxxxi', *divmod(stamp, SECOND_NS), 1, x)
 
 
 def file(folder: Path, *records: bytes) -> Path:
@@ -124,44 +111,6 @@ def test_hours_of_silence(tmp_path: Path) -> None:
     code, document, _ = check(path, 'always a.x < 5', *streams)
     assert code == 2
     assert 'sample_period' in document['formulas'][0]['error']['message']
-
-
-def test_stamps_at_zero(tmp_path: Path) -> None:
-    types = schema(1, 'made_up/msg/Stamped', STAMPED) + channel(1, 1, '/x')
-    times = [START + n * SECOND_NS for n in range(4)]
-    rows = [stored(1, time, stamped(0, n)) for n, time in enumerate(times)]
-    path = file(tmp_path, types, chunk(rows, (times[0], times[-1])))
-    code, document, _ = check(path, 'always "/x".x < 2')
-    assert (code, document['formulas'][0]['episodes'][0]['decided_at_ns']) == (1, times[2])
-    assert document['notes'] == ["topic '/x' leaves stamps at zero: the time of recording is used"]
-
-
-def test_messages_that_are_too_short(tmp_path: Path) -> None:
-    rows = [stored(1, START + n * SECOND_NS, number(n)[: 8 - n]) for n in range(3)]
-    code, document, _ = check(file(tmp_path, NUMBER, *rows), 'always "/x".x < 5')
-    assert (code, document['formulas'][0]['states']) == (2, 1)
-    assert 'a message is shorter than its type' in document['notes'][0]
-
-
-def test_a_log_of_px4(tmp_path: Path) -> None:
-    path = tmp_path / 'a.ulg'
-    path.write_bytes(log(range(100)))
-    formula = 'always "/number".x < 90 and eventually "/number".q[2] < 0'
-    code, document, _ = check(path, formula)
-    assert (code, document['formulas'][0]['episodes'][0]['verdict']) == (1, 'false')
-    topics = run_check(path, '--topics')
-    assert (topics.code, 'px4/number' in topics.out) == (0, True)
-
-
-def test_a_trace(tmp_path: Path) -> None:
-    path = tmp_path / 'a.csv'
-    path.write_text(TRACE)
-    code, document, _ = check(path, 'always x < 5')
-    (formula,) = document['formulas']
-    assert (code, formula['states'], document['notes']) == (1, 3, [])
-    code, document, _ = check(path, 'always ready = true')
-    assert code == 2
-    assert "the cell of 'ready' is empty" in document['formulas'][0]['error']['message']
 
 
 def test_topics_with_faults(tmp_path: Path) -> None:
