@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from itertools import accumulate
-from math import isinf, nan
+from math import inf, isinf, nan
+from operator import itemgetter
+from typing import get_args
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from margin_reference import Step, ended, margin
-from reasoning_reference import COMPARISONS, formulas, random_cases
+from reasoning_reference import COMPARISONS, formulas, intervals, past_operator, random_cases
 
-from dyknow_reasoning.language.formula import Comparison, Formula
+from dyknow_reasoning.language.formula import Always, Comparison, Eventually, Formula, PastFormula
+from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, Number
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.margins import operators
 from dyknow_reasoning.margins.formula_margin import FormulaMargin
+from dyknow_reasoning.margins.operators import Assumption, PairMargin, StateMargin
+from dyknow_reasoning.margins.robustness import extremum
+from dyknow_reasoning.margins.windows import ExtremumWindow, SinceWindow
 
 NAMES = ('x', 'y')
 
@@ -26,6 +32,18 @@ leaves = st.builds(
     st.sampled_from(sorted(COMPARISONS)),
     st.sampled_from(NAMES).map(Feature),
     st.one_of(st.sampled_from(NAMES).map(Feature), numbers.map(Number)),
+)
+# Past operators at a later state: at the first one, they look back to nothing.
+later_past = st.builds(
+    lambda temporal, past, time: temporal(past, Interval(time, time)),
+    st.sampled_from([Always, Eventually]),
+    st.builds(
+        past_operator,
+        st.sampled_from(get_args(PastFormula)),
+        st.tuples(leaves, leaves),
+        intervals(),
+    ),
+    st.integers(1, 12),
 )
 steps = st.tuples(
     st.sampled_from([1, 1, 2, 3, 5]),
@@ -60,8 +78,8 @@ def test_a_margin_of_zero_has_no_sign(text: str) -> None:
     assert '-0' not in str(found.at_present().document)
 
 
-@settings(max_examples=random_cases(100))
-@given(formulas(3, leaves), traces)
+@settings(max_examples=random_cases(200))
+@given(formulas(3, leaves) | later_past, traces)
 def test_bounds_are_those_of_the_reference(formula: Formula, trace: list) -> None:
     times = list(accumulate(step for step, _ in trace))
     check_prefixes(formula, [(t, t, v) for t, (_, v) in zip(times, trace, strict=True)])
@@ -77,8 +95,8 @@ def test_an_open_margin_in_an_unbounded_past() -> None:
     check_prefixes(parse_formula('once always x > 3'), [(1, 1, {'x': 1.0}), (2, 2, {'x': 0.0})])
 
 
-@settings(max_examples=random_cases(100))
-@given(formulas(3, leaves), traces, st.sets(st.integers(1, 8), min_size=1, max_size=2))
+@settings(max_examples=random_cases(200))
+@given(formulas(3, leaves) | later_past, traces, st.sets(st.integers(1, 8), min_size=1, max_size=2))
 def test_bounds_after_gaps(formula: Formula, trace: list, gaps: set[int]) -> None:
     found: list[Step] = []
     now = 0
@@ -113,3 +131,25 @@ def test_bounds_stay_correct_where_too_many_states_wait(formula: Formula, trace:
             low, high = margin(formula, ended([(t, t, v) for t, v in states[:index]]), 0)
             assert bounds.lower <= low
             assert bounds.upper >= high
+
+
+@pytest.mark.parametrize('universal', [True, False])
+def test_unbounded_past_operators_need_constant_memory(universal: bool) -> None:  # noqa: FBT001
+    order = extremum(universal=universal)
+    first, second = (StateMargin(itemgetter(each)) for each in (0, 1))
+    greatest = operators.ExtremumMargin(first, ExtremumWindow(-inf, 0, order))
+    pairs = operators.TemporalMargin(PairMargin(first, second), SinceWindow(-inf, 0, order))
+    for sign in (1, -1):
+        signals = [((float(sign * i), 0), (float(-sign * i), 0)) for i in range(1000)]
+        for operator in (greatest.copied(), pairs.copied()):
+            operator.need(inf)
+            for time, each in enumerate(signals, 1000 * sign):
+                operator.step([(time, time, each)], Assumption())
+            assert retained(operator) < 100
+
+
+def retained(value: object) -> int:
+    """The number of values that an object keeps."""
+    if isinstance(value, (list, tuple)) or hasattr(value, 'popleft'):
+        return sum(1 + retained(each) for each in value)
+    return sum(map(retained, vars(value).values())) if hasattr(value, '__dict__') else 0
