@@ -15,15 +15,7 @@ from test_progression import irregular, verdicts
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
 from dyknow_reasoning.execution.automata import automaton, configurations
-from dyknow_reasoning.language.formula import (
-    And,
-    CountBound,
-    CountOf,
-    Formula,
-    Interval,
-    Not,
-    Or,
-)
+from dyknow_reasoning.language.formula import And, CountBound, CountOf, Formula, Interval, Not, Or
 from dyknow_reasoning.language.terms import Truth
 
 BOUNDS = st.sampled_from(CountBound)

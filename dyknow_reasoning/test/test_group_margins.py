@@ -15,11 +15,7 @@ from reasoning_reference import COMPARISONS, begun, formulas, with_history
 
 from dyknow_common import Margin, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, ReasoningError
-from dyknow_reasoning.language.formula import (
-    And,
-    Comparison,
-    Formula,
-)
+from dyknow_reasoning.language.formula import And, Comparison, Formula
 from dyknow_reasoning.language.terms import Feature, Number
 from dyknow_reasoning.margins.building import check_margin
 

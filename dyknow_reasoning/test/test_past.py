@@ -28,12 +28,7 @@ from reasoning_reference import (
 )
 
 from dyknow_common import Verdict
-from dyknow_reasoning import (
-    FormulaGroup,
-    FormulaLimits,
-    FormulaResult,
-    parse_formula,
-)
+from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, parse_formula
 from dyknow_reasoning.execution.past import register_groups
 from dyknow_reasoning.language.formula import (
     Always,

@@ -16,13 +16,7 @@ from spatial_margin_reference import least
 from spatial_reference import OBJECTS
 from test_spatial import NUMBERS, random_text
 
-from dyknow_reasoning import (
-    FormulaGroup,
-    ReasoningError,
-    TrialFormula,
-    check_types,
-    parse_formula,
-)
+from dyknow_reasoning import FormulaGroup, ReasoningError, TrialFormula, check_types, parse_formula
 from dyknow_reasoning.execution import link_lengths
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.margins import building

@@ -15,9 +15,7 @@ from reasoning_reference import formulas as reference_formulas
 
 from dyknow_common import Alternatives, Margin, Value, Verdict, choices
 from dyknow_reasoning import FormulaGroup, UnknownFeatures
-from dyknow_reasoning.language.formula import (
-    Formula,
-)
+from dyknow_reasoning.language.formula import Formula
 
 NEVER = -1
 """The state of an outcome that is none."""
