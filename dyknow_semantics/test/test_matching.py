@@ -96,27 +96,12 @@ def test_an_object_and_a_variable(knowledge: Knowledge) -> None:
     )
 
 
-def test_a_variable_twice(knowledge: Knowledge) -> None:
-    found = match(
-        parse_concept('XYDist[x, x] for every x in UAV'), parse_annotations(SSL), knowledge
-    )
-    assert [each.ground_feature for each in found] == ['XYDist[uav1, uav1]', 'XYDist[uav2, uav2]']
-
-
 def test_a_feature_of_the_world_as_a_whole(knowledge: Knowledge) -> None:
     (specification,) = specifications('Daylight', knowledge)
     assert specification == (
         '# exact match: sky carries Daylight\n'
         'stream Daylight_from_sky = select light as Daylight from sky;'
     )
-
-
-def test_a_feature_is_not_matched_by_those_above_it(knowledge: Knowledge) -> None:
-    (found,) = match(
-        parse_concept('vehicles:BarometricAltitude'), parse_annotations(SSL), knowledge
-    )
-    assert found.ground_feature == 'vehicles:BarometricAltitude[uav1]'
-    assert found.exact
 
 
 def test_names_are_unique_and_matches_name_their_feature(knowledge: Knowledge) -> None:
