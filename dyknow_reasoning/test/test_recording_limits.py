@@ -2,41 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import comparable
+from reasoning_reference import started
+from test_many_states import compare
 
-from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution import instance_monitor, instance_pool
 
 PERIOD_NS = 100_000_000
-
-
-def group_of(formulas: list[str], objects: int) -> FormulaGroup:
-    group = FormulaGroup()
-    for number, formula in enumerate(formulas):
-        group.add_formula(f'formula {number}', formula)
-    group.begin({'Thing': [f'o{number}' for number in range(objects)]})
-    return group
-
-
-def assert_paths_agree(
-    formulas: list[str], objects: int, times: list[int], columns: dict[str, list[Any]]
-) -> None:
-    one_by_one = group_of(formulas, objects)
-    expected = [
-        result
-        for index, time in enumerate(times)
-        for result in one_by_one.progress(
-            time, {name: column[index] for name, column in columns.items()}
-        )
-    ]
-    found = group_of(formulas, objects).progress_many(times, columns)
-    assert comparable(found) == comparable(expected)
 
 
 @given(st.data())
@@ -55,7 +30,7 @@ def test_formulas_of_many_atoms(data: st.DataObject) -> None:
         for number in range(atoms)
         for thing in range(objects)
     }
-    assert_paths_agree(formulas, objects, [PERIOD_NS * n for n in range(states)], columns)
+    compare(formulas, objects, [([PERIOD_NS * n for n in range(states)], columns)])
 
 
 @pytest.mark.parametrize('slot', [0, 7, 8, 31, 32, 62, 63, 64, 69])
@@ -63,7 +38,7 @@ def test_the_atom_that_decides_may_have_any_slot(slot: int) -> None:
     names = [f'p{number}' for number in range(70)]
     columns = {name: [True, name == f'p{slot}', False] for name in names}
     formula = f'always ({" or ".join(names)})'
-    assert_paths_agree([formula], 0, [0, PERIOD_NS, 2 * PERIOD_NS], columns)
+    compare([formula], 0, [([0, PERIOD_NS, 2 * PERIOD_NS], columns)])
 
 
 @given(st.data())
@@ -87,23 +62,23 @@ def test_values_that_are_not_known_in_some_instances(data: st.DataObject) -> Non
         # Few states a block, so that blocks follow on one that cannot be read as a whole.
         patch.setattr(instance_monitor, '_FIRST_STATES', data.draw(st.sampled_from([1, 2, 5])))
         patch.setattr(instance_pool, '_MIN_BATCH_SIZE', data.draw(st.sampled_from([2, 1000])))
-        assert_paths_agree(formulas, objects, [PERIOD_NS * n for n in range(states)], columns)
+        compare(formulas, objects, [([PERIOD_NS * n for n in range(states)], columns)])
 
 
 def test_times_beyond_the_precision_of_floats() -> None:
     times = [(1 << 62) + 1, (1 << 62) + 2, (1 << 62) + 3]
     columns = {'p': [True, True, True]}
-    assert_paths_agree(['always[0 ns, 1 ns] p', 'always[0 ns, 2 ns] p'], 0, times, columns)
+    compare(['always[0 ns, 1 ns] p', 'always[0 ns, 2 ns] p'], 0, [(times, columns)])
     for kind in (np.uint64, np.int64):
-        found = group_of(['always[0 ns, 1 ns] p'], 0).progress_many(np.array(times, kind), columns)
+        found = started('always[0 ns, 1 ns] p').progress_many(np.array(times, kind), columns)
         assert [result.decided_at for result in found] == [times[1]]
 
 
 def test_times_at_and_beyond_the_limit_of_64_bits() -> None:
-    assert_paths_agree(['always[0 ns, 2 ns] p'], 0, [-1, 1 << 63], {'p': [True] * 2})
+    compare(['always[0 ns, 2 ns] p'], 0, [([-1, 1 << 63], {'p': [True] * 2})])
     times = [(1 << 63) - 1, 1 << 63, (1 << 63) + 1, 1 << 64]
-    assert_paths_agree(['always[0 ns, 2 ns] p'], 0, times, {'p': [True] * 4})
-    found = group_of(['always[0 ns, 1 ns] p'], 0).progress_many(
+    compare(['always[0 ns, 2 ns] p'], 0, [(times, {'p': [True] * 4})])
+    found = started('always[0 ns, 1 ns] p').progress_many(
         np.array(times[:3], np.uint64), {'p': [True] * 3}
     )
     assert [result.decided_at for result in found] == [times[1]]

@@ -7,7 +7,7 @@ from math import nan
 from random import Random
 from typing import Any
 
-from reasoning_reference import random_cases
+from reasoning_reference import progressed, random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 
@@ -63,12 +63,9 @@ def test_recordings_are_progressed_as_states_are() -> None:
             columns = random_columns(random, count)
             case[1].append((times, columns))
             rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values())]  # noqa: B905
-            expected = [
-                repr(each)
-                for now, row in zip(times, rows, strict=True)
-                for each in one_by_one.progress(now, row)
-            ]
-            assert list(map(repr, at_once.progress_many(times, columns))) == expected, case
+            expected = progressed(one_by_one, list(zip(times, rows, strict=True)))
+            found = at_once.progress_many(times, columns)
+            assert list(map(repr, found)) == list(map(repr, expected)), case
             assert told(at_once) == told(one_by_one), case
             time = times[-1] if times else time
             if random.random() < 0.3:
