@@ -10,7 +10,7 @@ from unittest.mock import AsyncMock, MagicMock
 
 import pytest
 
-from dyknow_common import ExitCode, StreamConstraints
+from dyknow_common import SECOND_NS, ExitCode, StreamConstraints
 from dyknow_coordinator import (
     CoordinationError,
     EvaluationPhase,
@@ -198,6 +198,25 @@ def test_a_better_stream_without_samples_replaces_none(event: str, is_excluded: 
     evaluated = made.context.clients.evaluate_group.call_args_list
     assert {call.args[2] for call in evaluated} == {'states_1'}
     made.context.cleanup.destroy_stream.assert_called_once()
+
+
+@pytest.mark.parametrize('code', [ExitCode.UNAVAILABLE, ExitCode.INVALID_ARGUMENT])
+def test_better_streams_are_not_at_fault_if_no_engine_can_make_their_states(code: ExitCode) -> None:
+    """They were excluded, so a formula failed if its streams did within 10 s."""
+    made = Supervised('b')
+    supervisor, (better, _) = made.supervisor, _candidates('a', 'b').found
+    asyncio.run(supervisor.start())
+    made.context.clients.create_stream.side_effect = CoordinationError('no engine', code)
+    supervisor.update_candidates(_candidates('a', 'b'))
+    made.run()
+    assert supervisor._session.choice.have_failed([better], 0) == (code != ExitCode.UNAVAILABLE)
+    for seconds, is_tried in ((9, False), (11, True)):
+        made.context.wall_time.return_value = seconds * SECOND_NS
+        supervisor.improve()
+        assert bool(made.spawned) == is_tried
+    made.context.clients.create_stream.side_effect = made.create
+    made.run()
+    assert [each.stream for each in supervisor.chosen] == ['p_a']
 
 
 def test_a_stream_that_cannot_be_made_is_left_for_the_next() -> None:

@@ -29,13 +29,18 @@ from typing import Final, Protocol
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from dyknow_common import SECOND_NS, DyKnowError, with_readable_times
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, with_readable_times
 from dyknow_common.ros import full_name
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
-from dyknow_coordinator.grounding.source_session import TRANSIENT, SourceSession, describe_sources
+from dyknow_coordinator.grounding.source_session import (
+    EXCLUSION_NS,
+    TRANSIENT,
+    SourceSession,
+    describe_sources,
+)
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.standby import Standby
@@ -103,6 +108,8 @@ class StateSupervisor:
         )
         self._doubtful_from: int | None = None
         self._settled_at_s = 0.0
+        # No better streams are tried before, as no engine could make their states.
+        self._next_try = 0
         self._missing_since: float | None = None
         self._is_changing = False
         self._has_ended = False
@@ -184,6 +191,8 @@ class StateSupervisor:
     def improve(self) -> None:
         """Switch to better streams, if any have samples now, without a gap."""
         if self._is_changing or self._has_ended or self._better() == self.chosen:
+            return
+        if self._context.wall_time() < self._next_try:
             return
         self._is_changing = True
         self._context.node.spawn(self._improve)
@@ -362,6 +371,8 @@ class StateSupervisor:
                 await self._hand_over(stream)
         except DyKnowError as error:
             silent = others
+            if error.code is ExitCode.UNAVAILABLE:  # It is no fault of the sources.
+                silent, self._next_try = (), self._context.wall_time() + EXCLUSION_NS
             if stream is self.stream:
                 self._session.note_loss(error.message)
             elif not self._has_ended:
