@@ -35,6 +35,9 @@ MAX_NAME: Final = 1000
 MAX_CACHED_CHARACTERS: Final = 5_000_000
 """The length of all texts of a cache; a syntax tree takes some 15 bytes for each character."""
 
+ENTRY_CHARACTERS: Final = 50
+"""The length that an entry of a cache counts in addition to its text, for short texts."""
+
 Others = ParamSpec('Others')
 Result = TypeVar('Result')
 
@@ -76,11 +79,11 @@ def cached_by_text(
                 return known[key]
         result = function(text, *others, **named)
         with lock:
-            total += 0 if key in known else len(text)
+            total += 0 if key in known else len(text) + ENTRY_CHARACTERS
             known[key] = result
             while total > MAX_CACHED_CHARACTERS:
                 (oldest, *_), _ = known.popitem(last=False)
-                total -= len(oldest)
+                total -= len(oldest) + ENTRY_CHARACTERS
         return result
 
     return cached

@@ -39,7 +39,7 @@ def test_errors_are_not_kept() -> None:
 
 @given(st.lists(st.text('ab', max_size=6)))
 def test_the_texts_that_were_used_last_are_kept(texts: list[str]) -> None:
-    limit = 10
+    limit = 10 + 2 * limits.ENTRY_CHARACTERS
     computed: list[str] = []
 
     @cached_by_text
@@ -55,5 +55,22 @@ def test_the_texts_that_were_used_last_are_kept(texts: list[str]) -> None:
             assert identity(text) == text
             assert (len(computed) > before) == (text not in kept)
             kept = [each for each in kept if each != text] + [text]
-            while sum(map(len, kept)) > limit:
+            while sum(len(each) + limits.ENTRY_CHARACTERS for each in kept) > limit:
                 kept.pop(0)
+
+
+def test_short_texts_are_not_all_kept() -> None:
+    computed: list[int] = []
+
+    @cached_by_text
+    def identity(_text: str, number: int) -> int:
+        computed.append(number)
+        return number
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limits, 'MAX_CACHED_CHARACTERS', 1000)
+        for number in range(1000):
+            identity('', number)
+        identity('', 999)
+        identity('', 0)
+    assert computed == [*range(1000), 0]

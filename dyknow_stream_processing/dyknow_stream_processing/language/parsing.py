@@ -50,6 +50,11 @@ def parse_specification(text: str) -> Specification:
     Raises:
         LanguageError: with the position and what was expected there.
     """
+    return parse_once(text)
+
+
+def parse_once(text: str) -> Specification:
+    """Return what `parse_specification` does, for a text that is not parsed again."""
     declarations = LANGUAGE.parse(text, _SpecificationBuilder())
     with LANGUAGE.errors_in(text):
         for each in declarations:

@@ -10,7 +10,7 @@ from typing import Final, Self
 
 from dyknow_common import FUNCTIONS, MAX_TOPIC_LENGTH, LanguageError, shortened
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.parsing import parse_once
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
 
 WATERMARKS_NAME: Final = '_watermarks'
@@ -49,7 +49,7 @@ def check_name(name: str) -> None:
 def _is_word(name: str) -> bool:
     """Return True if a name is one in the stream language."""
     try:
-        declarations = parse_specification(f'sink {name}').declarations
+        declarations = parse_once(f'sink {name}').declarations
     except LanguageError:
         return False
     return declarations == (SinkDeclaration(StreamReference(name)),)
