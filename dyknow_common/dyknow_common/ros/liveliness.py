@@ -37,6 +37,9 @@ MISSED_LIMIT: Final = 5
 _RESTART_LIMIT: Final = 2
 """The number after which a younger node of its name counts as its restart."""
 
+FORGET_PERIODS: Final = 60
+"""The number of periods after which a node without heartbeats is forgotten, if nobody asks."""
+
 
 class NodeLiveliness:
     """The liveliness of a node, from its heartbeats.
@@ -45,12 +48,16 @@ class NodeLiveliness:
         started_at: the start of the node's latest known run in nanoseconds; 0 if none is known.
         signs: the number of signs of life.
         silence: the number of the reader's periods since the last sign of life.
+        unasked: the number of periods in which nobody has asked for it.
+        is_kept: True if it is never forgotten.
     """
 
     def __init__(self) -> None:
         self.started_at = 0
         self.signs = 0
         self.silence = 0
+        self.unasked = 0
+        self.is_kept = False
 
     @property
     def alive_since(self) -> int:
@@ -78,7 +85,7 @@ class Heartbeats:
         self.group = PrunedExclusiveCallbackGroup()
         """The callback group of the heartbeats and the listeners."""
         self._nodes: dict[str, NodeLiveliness] = {}
-        self._subscriptions: list[Any] = []
+        self._subscriptions: dict[str, Any] = {}
         self._listeners: list[Callable[[], None]] = []
         self._timer: Any = None
 
@@ -90,23 +97,32 @@ class Heartbeats:
         return cls._known[node]
 
     def liveliness(self, name: str) -> NodeLiveliness:
-        """Return the liveliness of a node, which is kept up to date while there is a listener."""
+        """Return the liveliness of a node, which is kept up to date while there is a listener.
+
+        A node without heartbeats is forgotten when nobody asks for it any more: each run of
+        `ros2 topic pub` is a node with a name of its own.
+        """
         topic = self.node.resolve_topic_name(f'{name}/_heartbeat')
         if topic not in self._nodes:
             self._nodes[topic] = NodeLiveliness()
             note = partial(_on_heartbeat, self._nodes[topic])
-            self._subscriptions.append(
-                create_guarded_subscription(
-                    self.node,
-                    Heartbeat,
-                    topic,
-                    note,
-                    HEARTBEAT,
-                    refusal=only_owner,
-                    callback_group=self.group,
-                )
+            self._subscriptions[topic] = create_guarded_subscription(
+                self.node,
+                Heartbeat,
+                topic,
+                note,
+                HEARTBEAT,
+                refusal=only_owner,
+                callback_group=self.group,
             )
+        self._nodes[topic].unasked = 0
         return self._nodes[topic]
+
+    def kept_liveliness(self, name: str) -> NodeLiveliness:
+        """Return the liveliness of a node that is not forgotten while there is a listener."""
+        found = self.liveliness(name)
+        found.is_kept = True
+        return found
 
     def listen(self, listener: Callable[[], None]) -> None:
         """Call a function after each period."""
@@ -126,7 +142,7 @@ class Heartbeats:
             return
         self.node.destroy_timer(self._timer)
         self._timer = None
-        for subscription in self._subscriptions:
+        for subscription in self._subscriptions.values():
             self.node.destroy_subscription(subscription)
         self._subscriptions.clear()
         self._nodes.clear()
@@ -134,8 +150,13 @@ class Heartbeats:
     def _end_period(self) -> None:
         for each in self._nodes.values():
             each.silence += 1
+            each.unasked += 1
         for listener in list(self._listeners):
             listener()
+        for topic, each in list(self._nodes.items()):
+            if each.unasked >= FORGET_PERIODS and not (each.started_at or each.is_kept):
+                self.node.destroy_subscription(self._subscriptions.pop(topic))
+                del self._nodes[topic]
 
 
 class _Publishers:
@@ -225,7 +246,7 @@ class PublisherWatch(_Publishers):
         self._is_lost = min(map(self._silence, names), default=self._absence) >= MISSED_LIMIT
         starts = {name: self._heartbeats.liveliness(name).started_at for name in names}
         is_restarted = any(self._starts.get(name, 0) not in {0, starts[name]} for name in names)
-        self._starts.update(starts)
+        self._starts = {name: each for name, each in (self._starts | starts).items() if each}
         if (self._is_lost or is_restarted) and not was_lost:
             self._on_lost()
 

@@ -115,7 +115,7 @@ class RemoteNode:
         """The last message on the status topic of its present run; None before the first."""
         for service_type in services:
             self._client(service_type)
-        self._liveliness = node.heartbeats.liveliness(name)
+        self._liveliness = node.heartbeats.kept_liveliness(name)
         node.heartbeats.listen(self._refresh)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
