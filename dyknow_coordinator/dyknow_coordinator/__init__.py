@@ -73,12 +73,15 @@ from dyknow_coordinator.reporting.peer_reasons import (
     with_waits_of_peers,
 )
 from dyknow_coordinator.reporting.verdict_topics import verdict_token
+from dyknow_coordinator.retries import MAX_RETRY_DELAY_NS, RETRY_DELAY_NS, Retries
 
 __all__ = [
     'EXCLUSION_NS',
     'FOLLOWED',
+    'MAX_RETRY_DELAY_NS',
     'PEER_VERDICT',
     'PEER_WAITS',
+    'RETRY_DELAY_NS',
     'SILENCE_LIMITS_S',
     'SILENCE_LIMIT_NS',
     'TRANSIENT',
@@ -105,6 +108,7 @@ __all__ = [
     'PlanPhase',
     'PlanVerdict',
     'Progress',
+    'Retries',
     'SourceChoice',
     'SourceSession',
     'StandbySources',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from dyknow_common import (
 )
 from dyknow_common.ros import DyKnowNode, run
 from dyknow_configuration import RequestedFormula, Severity, read_formulas, read_robot
-from dyknow_coordinator import Answer, Progress, StandingVerdicts
+from dyknow_coordinator import Answer, Progress, Retries, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_reactions.ros.triggers import Triggers
 
@@ -39,26 +39,6 @@ START_UP_NS = 10 * SECOND_NS
 """Time that the other nodes may take to start after the coordinator."""
 
 NOT_ACCEPTED = 'the coordinator has not accepted it yet'
-
-RETRY_DELAY_S = 0.5
-"""Time until a formula is monitored again after an error worth retrying.
-
-It doubles with each attempt that fails before a report on a state: a source that stays at fault,
-such as a topic of NaN or a stream that a peer reports as broken, ends each attempt at once.
-"""
-
-MAX_RETRY_DELAY_S = 5.0
-"""The longest such time; also the time after an invalid request: later, a topic may have another
-message type."""
-
-
-def _retry_delay_s(idle_attempts: int) -> float:
-    """Return the time until a retry.
-
-    Args:
-        idle_attempts: the number of retries that have failed before their first state.
-    """
-    return float(min(RETRY_DELAY_S * 2.0 ** min(idle_attempts, 10), MAX_RETRY_DELAY_S))
 
 
 class MonitorNode(DyKnowNode):
@@ -228,8 +208,7 @@ class FormulaMonitor(MonitorNode):
         self._retries = retries
         self._is_cancelled = False
         self._restarting: set[int] = set()
-        self._idle_attempts: Counter[int] = Counter()
-        """The number of attempts that have failed since the formula had a state last."""
+        self._retries_of: defaultdict[int, Retries] = defaultdict(Retries)
         self._client = FormulaClient(self, self.coordinator)
         self._retry_until: int | None = None
         self._monitors: dict[int, Monitor] = {}
@@ -292,7 +271,7 @@ class FormulaMonitor(MonitorNode):
         monitored = self.formulas[index]
         self._triggers.on_progress(monitored.formula, progress)
         if progress.states_progressed:
-            self._idle_attempts[index] = 0
+            self._retries_of[index].note_progress()
         self.note_progress(monitored, progress)
 
     def _on_verdict(self, index: int, answer: Answer) -> None:
@@ -309,13 +288,9 @@ class FormulaMonitor(MonitorNode):
             self.note_answer(monitored, answer)
         if error is not None and (is_starting or self._is_retried(monitored, error.code)):
             self._restarting.add(index)
-            is_invalid = error.code is ExitCode.INVALID_ARGUMENT
-            due = self.deadlines.after(
-                MAX_RETRY_DELAY_S if is_invalid else _retry_delay_s(self._idle_attempts[index])
-            )
+            delay = self._retries_of[index].delay(error.code, counts=not is_starting)
+            due = self.deadlines.after(delay / SECOND_NS)
             due.add_done_callback(lambda _: self._restart(index))
-            if not is_starting:
-                self._idle_attempts[index] += 1
 
     def _has_cancelled(self, error: DyKnowError) -> bool:
         return self._is_cancelled and error.code is ExitCode.CANCELLED
