@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -99,6 +99,9 @@ class FormulaEpisodes:
     """The probability of the formula, if it is asked for."""
     begin_is_unknown: bool = False
     """True if its trigger holds at the first state, and states before are not recorded."""
+    last_state: int | None = None
+    on_end: Callable[[], None] = lambda: None
+    """Called when no state can change anything any more."""
 
     @property
     def has_ended(self) -> bool:
@@ -108,6 +111,12 @@ class FormulaEpisodes:
         is_asked_again = self.every is not Every.FIRST
         awaits = self.probability is not None and not self.probability.is_final
         return not (is_asked_again or self.open_episodes or awaits)
+
+    @property
+    def failure(self) -> DyKnowError | None:
+        """The error that has ended it; None if it goes on, or has a verdict."""
+        single = self.episodes[0].error if self.episodes and self.every is Every.FIRST else None
+        return (self.error or single) if self.has_ended else None
 
 
 class EpisodeGroup:
@@ -146,6 +155,7 @@ class EpisodeGroup:
         self._unknown = unknown
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
         self._states, self._is_suffix = 0, is_suffix
+        self._latest: int | None = None
         self.losses: list[LostMessages] = []
         """The messages that states are missing for."""
         self._owners: dict[int, FormulaEpisodes] = {}
@@ -177,6 +187,7 @@ class EpisodeGroup:
         if self._states == 1:
             for each in self.formulas:
                 each.first_state = valid_time
+        self._latest = valid_time
         if self.observer is not None:
             columns = {name: (value,) for name, value in values.items()}
             self.observer.states((valid_time,), columns)
@@ -338,7 +349,7 @@ class EpisodeGroup:
                 self._fail(each, self._loss() if self.losses else _unknown_begin(each))
         for each in self.formulas:
             if not each.has_ended:
-                each.states = self._states
+                each.states, each.last_state = self._states, self._latest
                 if each in self._standing:
                     each.episodes = self._standing[each].episodes()
             for formula_id, index in each.open_episodes.items():
@@ -396,8 +407,9 @@ class EpisodeGroup:
         return [each for each in self.formulas if not each.has_ended]
 
     def _end(self, formula: FormulaEpisodes) -> None:
-        formula.states = self._states
+        formula.states, formula.last_state = self._states, self._latest
         self.has_ended = all(each.has_ended for each in self.formulas)
+        formula.on_end()
 
     def _forget(self, formula_id: int) -> None:
         self._fresh.discard(formula_id)

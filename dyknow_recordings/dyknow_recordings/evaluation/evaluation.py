@@ -8,24 +8,33 @@ reasoning engine). One loop drives all of them by the log times of the recording
     10.00 s     a deadline of the dataflow: a sample of /b that should have come is missing. The
                 group whose states need it switches to another stream, with a gap, or fails
     10.02 s     a message of /a: the states that it completes are progressed
-    10.50 s     every SILENCE_PERIOD_NS: topics that have been silent for too long are replaced
+    10.50 s     every SILENCE_PERIOD_NS: topics that have been silent for too long are replaced.
+                Formulas that have failed before, at 10.02 s, are evaluated again if that is asked
+                for: as by another request from now on
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, count
 from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, one_line
+from dyknow_common import (
+    NANOSECONDS,
+    SECOND_NS,
+    DyKnowError,
+    ExitCode,
+    one_line,
+    round_duration,
+)
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import with_caveat
+from dyknow_coordinator import Retries, with_caveat
 from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import (
@@ -37,7 +46,12 @@ from dyknow_recordings.evaluation.episodes import (
 )
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
 from dyknow_recordings.evaluation.observation import SignalRecorder, terms_of
-from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.evaluation.results import (
+    Attempt,
+    FormulaReport,
+    RecordingReport,
+    report_of_attempts,
+)
 from dyknow_recordings.evaluation.standby import GroupStream
 from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
@@ -63,6 +77,12 @@ SILENCE_LOOKS_NS: Final = 60 * SECOND_NS
 MAX_STEP_NS: Final = 30 * SECOND_NS
 """The longest time without a message: after a longer one, the clock may have been stopped."""
 
+MAX_ATTEMPTS: Final = 100
+"""The number of evaluations of a formula, each but the first after an error."""
+
+_FINAL: Final = frozenset({ExitCode.INVALID_ARGUMENT, ExitCode.NOT_FOUND})
+"""The codes of errors that also end any later evaluation: a recorded topic has one type."""
+
 _TopicParts = Mapping[str, Sequence[MessageColumns]]
 
 
@@ -75,6 +95,20 @@ class _Request:
     error: DyKnowError | None = None
     episodes: FormulaEpisodes | None = None
     group: StateGroup | None = None
+    observer: SignalRecorder | None = None
+    begin: int = BEGINNING
+    """The log time from which on it is evaluated."""
+    failed_at: int | None = None
+    """The log time at which this evaluation has failed, if it may be evaluated again."""
+    attempts: list[Attempt] = field(default_factory=list)
+    """The evaluations before."""
+    retries: Retries = field(default_factory=Retries)
+
+    @property
+    def may_be_retried(self) -> bool:
+        """True if it has ended with an error that a later evaluation may not have."""
+        error = self.episodes and self.episodes.failure
+        return error is not None and error.code not in _FINAL
 
     @property
     def name(self) -> str:
@@ -91,6 +125,7 @@ def evaluate_recording(
     keep_signals: bool = False,
     margins: bool = False,
     probabilities: bool = False,
+    retries: bool = False,
 ) -> RecordingReport:
     """Evaluate formulas over a recording.
 
@@ -103,6 +138,7 @@ def evaluate_recording(
         keep_signals: True to keep the signals of the states, for pictures.
         margins: True to compute the margins of all formulas, even if they do not ask for it.
         probabilities: True to compute the probabilities of formulas from the first state on.
+        retries: True to evaluate a formula again after an error, as the running system does.
 
     Raises:
         DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
@@ -117,6 +153,10 @@ def evaluate_recording(
         margins=margins,
     )
     report = (evaluation := make()).run()
+    if retries and evaluation.may_retry:
+        # Columns of messages end at no error. So only recordings with errors are read again.
+        make = partial(make, retries=True)
+        report = (evaluation := make()).run()
     if probabilities:
         report = _with_probabilities(report, make(probabilities=True).run())
     if keep_signals and (probabilities or evaluation.has_ended_early):
@@ -169,9 +209,10 @@ class RecordingEvaluation:
         keep_signals: bool = False,
         margins: bool = False,
         probabilities: bool = False,
+        retries: bool = False,
     ) -> None:
         self._recording = recording
-        self._keep_signals, self._start = keep_signals, start
+        self._keep_signals, self._start, self._retries = keep_signals, start, retries
         self._margins, self._probabilities = margins, probabilities
         self._missing_is_unknown = files.missing_is_unknown
         self._silence_limit = files.silence_limit
@@ -189,19 +230,24 @@ class RecordingEvaluation:
         unknown = frozenset(chain.from_iterable(each.unknown for each in inputs))
         self._fields = self._streams.prepare(sources, unknown)
         self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
+        self._next_look = max(recording.start_time, start.begin)
+        self._observes_to_end = False
+        self._failed: list[_Request] = []
+        self._group_numbers = count(1)
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
-        self._has_started = False
+        # The groups without states so far, and the times from which on they have some.
+        self._waiting = dict.fromkeys(self._running, self._next_look)
         self._losses: list[LostMessages] = []
         self._losses_to_come: list[LostMessages] = []
         # Losses that may have begun, but not ended.
         self._open_losses: list[LostMessages] = []
         # The log time up to which all messages have been progressed.
         self._reached = BEGINNING
-        self._next_look = max(recording.start_time, start.begin)
 
     def observe_to_end(self) -> None:
         """Keep signals also of the states that no formula needs any more."""
+        self._observes_to_end = True
         for group in self._groups:
             group.episodes.is_observed_to_end = group.episodes.observer is not None
 
@@ -209,6 +255,11 @@ class RecordingEvaluation:
     def has_ended_early(self) -> bool:
         """True if states may have come to an end before the recording, with their formulas."""
         return any(group.has_ended for group in self._groups)
+
+    @property
+    def may_retry(self) -> bool:
+        """True if a formula has ended with an error that a later evaluation may not have."""
+        return any(each.may_be_retried for each in self._requests)
 
     def run(self) -> RecordingReport:
         """Read the recording and return the results."""
@@ -226,7 +277,7 @@ class RecordingEvaluation:
                 for lost in self._losses_to_come:
                     self._lose(lost, max(start, min(lost.first, end + 1)))
                 self._advance(end)
-        for group in self._groups:
+        for group in self._running:
             group.finish(start, end)
         return RecordingReport(
             recording=str(recording.path),
@@ -280,7 +331,7 @@ class RecordingEvaluation:
     def _progress(self, batch: Sequence[MessageColumns]) -> None:
         """Progress over a batch, as columns if that gives the same results."""
         end = max(int(part.log_times[-1]) for part in batch)
-        if self._columns.progress(batch, self._running):
+        if not self._retries and self._columns.progress(batch, self._running):
             looks = (end - self._next_look) // SILENCE_PERIOD_NS + 1
             self._next_look += max(looks, 0) * SILENCE_PERIOD_NS
             self._react(end)
@@ -326,14 +377,15 @@ class RecordingEvaluation:
             if request.grounded is not None:
                 features = tuple(sorted(request.grounded.inputs.features))
                 members.setdefault(features, []).append((request, request.grounded))
-        return [
-            self._make_group(f'states {number}', found)
-            for number, found in enumerate(members.values(), start=1)
-        ]
+        return [self._make_group(found, self._start) for found in members.values()]
 
     def _make_group(
-        self, name: str, members: Sequence[tuple[_Request, GroundedFormula]]
+        self,
+        members: Sequence[tuple[_Request, GroundedFormula]],
+        start: EpisodeStart,
+        former: StateGroup | None = None,
     ) -> StateGroup:
+        """Make a group, whose states begin later; `former` is the group that failed before."""
         domains: dict[str, tuple[str, ...]] = {}
         ranges: dict[str, Range] = {}
         for request, grounded in members:
@@ -341,7 +393,9 @@ class RecordingEvaluation:
             ranges |= grounded.inputs.unknown
             request.episodes = FormulaEpisodes(grounded, self._every(request.requested, grounded))
         observer: SignalRecorder | None = None
-        if self._keep_signals:
+        if former is not None:
+            observer = former.episodes.observer if former.has_ended else None
+        elif self._keep_signals:
             texts = (text for _, each in members for text in (each.formula, each.probability))
             observer = SignalRecorder(
                 terms_of(filter(None, texts), domains),
@@ -355,20 +409,50 @@ class RecordingEvaluation:
             domains,
             observer,
             UnknownFeatures(ranges, all_may_be=self._missing_is_unknown),
-            is_suffix=self._start.is_suffix,
+            is_suffix=start.is_suffix,
         )
+        episodes.is_observed_to_end = self._observes_to_end and observer is not None
         group = StateGroup(
-            name,
+            f'states {next(self._group_numbers)}',
             members[0][1].inputs,
             episodes,
             self._streams,
-            self._start,
+            start,
             lambda: self._pending.append(group),
             self._silence_limit,
         )
         for request, _ in members:
-            request.group = group
+            request.group, request.begin = group, max(start.begin, self._recording.start_time)
+            request.observer = request.observer or observer
+            if self._retries and request.episodes:
+                request.episodes.on_end = partial(self._failed.append, request)
         return group
+
+    def _retry(self, now: int) -> None:
+        """Make groups for the formulas that have just failed; they begin at a later look."""
+        members: dict[tuple[StateGroup, int], list[tuple[_Request, GroundedFormula]]] = {}
+        while self._failed:
+            request = self._failed.pop(0)
+            episodes, group = request.episodes, request.group
+            if not (request.may_be_retried and episodes and episodes.failure and group):
+                continue
+            request.failed_at = now
+            if episodes.states > 1:
+                request.retries.note_progress()
+            due = now + request.retries.delay(episodes.failure.code)
+            looks = max((due - self._next_look) // SILENCE_PERIOD_NS, 0)
+            begin = self._next_look + looks * SILENCE_PERIOD_NS
+            if begin <= self._recording.end_time and len(request.attempts) + 1 < MAX_ATTEMPTS:
+                request.attempts.append(self._attempt(request))
+                request.failed_at = None
+                members.setdefault((group, begin), []).append((request, episodes.grounded))
+        for (former, begin), found in members.items():
+            start = replace(self._start, begin=begin, is_suffix=False)
+            group = self._make_group(found, start, former)
+            if group.episodes.observer is not None:
+                group.episodes.observer.gap()
+            self._waiting[group] = begin
+            self._running.append(group)
 
     def _every(self, requested: RequestedFormula, grounded: GroundedFormula) -> Every:
         """Return which states begin an episode; a formula without features has no states."""
@@ -389,37 +473,55 @@ class RecordingEvaluation:
             self._react(due)
             if due == self._next_look:
                 self._look(due)
-                self._next_look = max(due if due < last_look else until, due) + SILENCE_PERIOD_NS
+                goes_on = due < last_look or self._waiting
+                self._next_look = max(due if goes_on else until, due) + SILENCE_PERIOD_NS
 
     def _look(self, now: int) -> None:
-        """Start the groups, the first time; then look for silent topics."""
+        """Start the groups whose states begin now; look for silent topics of the others."""
         for group in self._running:
-            if self._has_started:
+            if group not in self._waiting:
                 group.check_silence(now)
-            else:
+            elif self._waiting[group] <= now:
+                del self._waiting[group]
                 group.start(now)
                 for lost in self._losses:
                     if lost not in self._losses_to_come:
                         group.lose(lost, now)
-        self._has_started = True
         self._react(now)
 
     def _react(self, now: int) -> None:
-        if self._pending:
+        if self._pending or self._failed:
             while self._pending:
                 self._pending.pop().react(now)
+            self._retry(now)
             running = [group for group in self._running if not group.has_ended]
             if len(running) < len(self._running):
                 self._streams.keep(frozenset().union(*(each.origins for each in running)))
             self._running = running
 
     def _lacks(self) -> Iterator[str]:
-        """Yield notes on undecided formulas that are evaluated over a part of the recording."""
+        """Yield notes on formulas that are evaluated over a part of the recording."""
         for each in self._requests:
+            if each.failed_at is not None and len(each.attempts) + 1 >= MAX_ATTEMPTS:
+                left_out = round_duration(self._recording.end_time - each.failed_at)
+                text = f'has ended with {MAX_ATTEMPTS} errors: its last {left_out} are not checked'
+                yield f"'{each.name}' {text}"
             if each.group and each.group.lack and each.episodes and not each.episodes.has_ended:
                 yield f"'{each.name}' {each.group.lack}"
 
+    def _attempt(self, request: _Request) -> Attempt:
+        report = self._report_of_latest(request)
+        last_state = request.episodes.last_state if request.episodes else None
+        return Attempt(request.begin, request.failed_at, replace(report, last_state=last_state))
+
     def _report(self, request: _Request) -> FormulaReport:
+        observer = request.observer
+        report = self._report_of_latest(request)
+        if request.attempts:
+            report = report_of_attempts([*request.attempts, self._attempt(request)])
+        return replace(report, signals=observer.result() if observer else None)
+
+    def _report_of_latest(self, request: _Request) -> FormulaReport:
         requested, group, episodes = request.requested, request.group, request.episodes
         name = request.name
         if group is None or episodes is None:
@@ -448,7 +550,6 @@ class RecordingEvaluation:
             gaps=tuple(episodes.gaps),
             events=tuple(episodes.events),
             waits_for=group.waits_for,
-            signals=observer.result() if (observer := group.episodes.observer) else None,
             probability=None if probability is None else probability.interval(),
             probability_so_far=None if probability is None else probability.interval_at_end(),
             units=episodes.grounded.units,

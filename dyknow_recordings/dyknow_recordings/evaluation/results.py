@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import chain
 from typing import Final
 
-from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict, shortened
+from dyknow_common import (
+    DyKnowError,
+    Margin,
+    ProbabilityInterval,
+    Verdict,
+    round_time,
+    shortened,
+)
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
@@ -122,6 +130,8 @@ class FormulaReport:
         probability_so_far: the same, assuming that no further state comes.
         units: the units of its features, by their names, as far as they are known.
         asked_probability: the canonical text that asks for them.
+        attempts: the evaluations of a formula that was evaluated again after an error, in order;
+            empty if it was evaluated once.
     """
 
     name: str
@@ -141,12 +151,13 @@ class FormulaReport:
     probability_so_far: ProbabilityInterval | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     asked_probability: str = ''
+    attempts: tuple[Attempt, ...] = ()
 
     @property
     def outcome(self) -> Outcome:
         """The worst outcome of its episodes."""
         found = {each.outcome for each in self.episodes}
-        if self.error is not None:
+        if self.error is not None or self.attempts:
             found.add(Outcome.ERROR)
         return next((each for each in Outcome if each in found), Outcome.UNDECIDED)
 
@@ -155,15 +166,19 @@ class FormulaReport:
         """The first episode with the outcome of the formula.
 
         Among undecided episodes, an episode with an unmet obligation is preferred: it may be a
-        failure.
+        failure. A false episode is preferred to errors after which the formula was evaluated again.
         """
         outcome = self.outcome
+        if self.attempts and any(each.outcome is Outcome.FALSE for each in self.episodes):
+            outcome = Outcome.FALSE
         found = [each for each in self.episodes if each.outcome is outcome]
         return next((each for each in found if each.presumably_false), found[0] if found else None)
 
     @property
     def reason(self) -> str:
         """Why it has its outcome, for people."""
+        if self.attempts:
+            return '; '.join(self._reasons_of_attempts())
         if self.error is not None:
             return self.error.message
         decisive = self.decisive
@@ -171,8 +186,31 @@ class FormulaReport:
 
     @property
     def failure(self) -> Episode | None:
-        """Its first false episode; None if its outcome is another one."""
-        return self.decisive if self.outcome is Outcome.FALSE else None
+        """Its first false episode; None if it has none, or an error that was not retried."""
+        decisive = self.decisive
+        return decisive if decisive and decisive.outcome is Outcome.FALSE else None
+
+    @property
+    def outcome_text(self) -> str:
+        """Its outcome, for people; a false evaluation is not hidden by the error of another."""
+        is_hidden = self.outcome is Outcome.ERROR and self.failure is not None
+        return f'{Outcome.ERROR}, {Outcome.FALSE}' if is_hidden else self.outcome
+
+    def _reasons_of_attempts(self) -> Iterator[str]:
+        failure = self.failure
+        if failure is not None:
+            at = '' if failure.decided_at is None else f' at {round_time(failure.decided_at)}'
+            yield f'false{at}: {failure.explanation}'
+        first, *others = [each for each in self.attempts if each.failed_at is not None]
+        yield f'error at {round_time(first.failed_at or 0)}: {first.report.reason}'
+        if others:
+            number = f'{len(others)} more error{"s" * (len(others) > 1)}'
+            yield f'{number} until {round_time(others[-1].failed_at or 0)}'
+        last = self.attempts[-1]
+        if last.failed_at is None:
+            is_error = last.report.outcome is Outcome.ERROR
+            why = f' ({last.report.reason})' if is_error else ''
+            yield f'evaluated again from {round_time(last.begin)} on: {last.report.outcome}{why}'
 
     @property
     def margin(self) -> Margin | None:
@@ -184,6 +222,40 @@ class FormulaReport:
     def presumably_false(self) -> bool:
         """True if one of its episodes is undecided, and false without further states."""
         return any(each.presumably_false for each in self.episodes)
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One of several evaluations of a formula, each but the first after an error.
+
+    Args:
+        begin: the log time from which on the formula was evaluated, in nanoseconds.
+        failed_at: the log time of its error; None if it has none.
+        report: its results.
+    """
+
+    begin: int
+    failed_at: int | None
+    report: FormulaReport
+
+
+def report_of_attempts(attempts: Sequence[Attempt]) -> FormulaReport:
+    """Return the results of all evaluations of a formula; there is one at least."""
+    reports = [each.report for each in attempts]
+    last = reports[-1]
+    if len(attempts) == 1:
+        return last
+    return replace(
+        last,
+        episodes=tuple(chain.from_iterable(each.episodes for each in reports)),
+        states=sum(each.states for each in reports),
+        first_state=next((each.first_state for each in reports if each.first_state), None),
+        groundings=next((each.groundings for each in reversed(reports) if each.groundings), ()),
+        violations=tuple(dict.fromkeys(chain.from_iterable(each.violations for each in reports))),
+        gaps=tuple(chain.from_iterable(each.gaps for each in reports)),
+        events=tuple(chain.from_iterable(each.events for each in reports)),
+        attempts=tuple(attempts),
+    )
 
 
 @dataclass(frozen=True, slots=True)
