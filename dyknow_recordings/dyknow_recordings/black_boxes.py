@@ -151,7 +151,7 @@ class BlackBoxContent:
         (found,) = report.formulas
         if fault := self._missing_streams or (not found.error and self._missing_states(found)):
             error = RecordingError(fault, ExitCode.NOT_FOUND)
-            return replace(report, formulas=(replace(found, episodes=(), error=error),))
+            return replace(report, formulas=(found.without_verdict(error),))
         notes = [*report.notes, *self.faults, *self._difference(found)]
         return replace(report, notes=tuple(notes))
 
@@ -289,7 +289,7 @@ def suffix_report(report: FormulaReport, *, every_state: bool, trigger: str = ''
         'check the other one',
         ExitCode.NOT_FOUND,
     )
-    return replace(report, episodes=(), error=error)
+    return report.without_verdict(error)
 
 
 def horizon(formula: str) -> int:

@@ -79,6 +79,12 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
     _add_times(parser)
     _add_measures(parser)
     parser.add_argument(
+        '--retry',
+        action='store_true',
+        help='evaluate a formula again after an error, such as a stream that broke its '
+        'constraints, as "dyknow up" does',
+    )
+    parser.add_argument(
         '--undecided',
         type=Judgement,
         choices=list(Judgement),
@@ -239,6 +245,10 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         raise RecordingError(
             '--probability is about the first state on; leave it out, or leave out --every'
         )
+    if options.probability and options.retry:
+        raise RecordingError(
+            '--probability is about the first state on; leave it out, or leave out --retry'
+        )
     robot = given_robot(options)
     files, formulas = read_configuration(options, robot)
     types = message_types(options)
@@ -253,6 +263,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             keep_signals=_draws(options),
             margins=options.margins,
             probabilities=options.probability,
+            retries=options.retry,
             types=types,
             expectations=robot.topics,
             map=robot.map if _draws(options) or options.verdicts is not None else NO_MAP,
@@ -276,6 +287,7 @@ def _box_job(options: argparse.Namespace, path: Path, box: BlackBoxContent) -> R
         replace(files, domains={**files.domains, **read_domains(options.domain)}),
         keep_signals=_draws(options),
         margins=options.margins or box.margin,
+        retries=options.retry,
         black_box=box,
         types=message_types(options),
     )

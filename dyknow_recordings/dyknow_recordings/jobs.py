@@ -71,6 +71,7 @@ class RecordingJob:
         keep_signals: True to keep the signals of the states, for pictures.
         margins: True to compute the margins of the formulas.
         probabilities: True to compute their probabilities.
+        retries: True to evaluate a formula again after an error.
         black_box: the content of the recording if it is one that is to be checked by itself.
         types: where the definitions of message types are that the recording lacks.
         expectations: about its topics.
@@ -86,6 +87,7 @@ class RecordingJob:
     keep_signals: bool = False
     margins: bool = False
     probabilities: bool = False
+    retries: bool = False
     black_box: BlackBoxContent | None = None
     types: MessageTypes | None = None
     expectations: tuple[TopicExpectation, ...] = ()
@@ -115,6 +117,7 @@ class RecordingJob:
                 keep_signals=self.keep_signals,
                 margins=self.margins,
                 probabilities=self.probabilities,
+                retries=self.retries,
             )
             report = replace(report, broken=broken_in(recording, self.expectations))
             if self.map.frame:

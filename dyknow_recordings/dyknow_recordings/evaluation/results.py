@@ -196,6 +196,10 @@ class FormulaReport:
         is_hidden = self.outcome is Outcome.ERROR and self.failure is not None
         return f'{Outcome.ERROR}, {Outcome.FALSE}' if is_hidden else self.outcome
 
+    def without_verdict(self, error: DyKnowError) -> FormulaReport:
+        """Return the report with an error in place of all episodes."""
+        return replace(self, episodes=(), error=error, attempts=())
+
     def _reasons_of_attempts(self) -> Iterator[str]:
         failure = self.failure
         if failure is not None:

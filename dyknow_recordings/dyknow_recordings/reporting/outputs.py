@@ -230,6 +230,17 @@ def _formula(report: FormulaReport, judgement: Judgement) -> dict[str, Any]:
         'probability': report.probability and report.probability.document,
         'probability_so_far': report.probability_so_far and report.probability_so_far.document,
         'error': _error(report.error),
+        'attempts': [
+            {
+                'begin_ns': each.begin,
+                'failed_at_ns': each.failed_at,
+                'states': each.report.states,
+                'episodes': len(each.report.episodes),
+                'outcome': each.report.outcome,
+                'reason': each.report.reason,
+            }
+            for each in report.attempts
+        ],
     }
 
 

@@ -111,7 +111,7 @@ def _row(
     at = '' if decided_at is None else time_since(decided_at, start)
     return (
         Text(report.name),
-        Text(report.outcome, style=style),
+        Text(report.outcome_text, style=style),
         Text(at),
         *map(Text, measures),
         Text(with_readable_times(_reason(report).partition(_PLACE)[0], start)),

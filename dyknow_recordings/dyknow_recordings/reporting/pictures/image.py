@@ -59,7 +59,7 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
             heading = '' if report is recording else report.recording
             recording = report
             passes = 'passes' if judgement.passes(formula) else 'does not pass'
-            title = f'{shortened(formula.name, _MAX_NAME)}: {formula.outcome}, {passes}'
+            title = f'{shortened(formula.name, _MAX_NAME)}: {formula.outcome_text}, {passes}'
             _draw_strip(axes, formula, whole, f'{heading}\n{title}' if heading else title)
         else:
             _draw_panel(axes, panel, found, whole)

@@ -184,14 +184,14 @@ def _ticks(whole: Span) -> Iterator[str]:
 def _formula(
     formula: FormulaReport, whole: Span, judgement: Judgement, figures: PageFigures, number: int
 ) -> str:
-    outcome = formula.outcome
+    outcome, word = formula.outcome, formula.outcome_text
     name = '' if formula.name == formula.formula else escape(formula.name)
     shown = f'<span class="name">{name}</span>' if name else ''
     passes = judgement.passes(formula)
     is_open = '' if passes else figures.open_once()
     return (
         f'<details class="formula" data-formula="{number}"{is_open}>\n<summary class="row">'
-        f'<div class="head"><span class="word {outcome}">{outcome}'
+        f'<div class="head"><span class="word {outcome}">{word}'
         f'<small class="{"passes" if passes else "fails"}">'
         f'{"passes" if passes else "does not pass"}</small></span>'
         f'<div>{shown}<code>{escape(formula_text(formula.formula))}</code></div></div>'
@@ -260,7 +260,7 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     if '\n' in text:  # It shows a place in the text of the formula.
         text = f'<pre>{text}</pre>'
     yield (
-        f'<div class="why is-{outcome}"><span class="word {outcome}">{outcome}</span>{at}, '
+        f'<div class="why is-{outcome}"><span class="word {outcome}">{formula.outcome_text}</span>{at}, '
         f'{verdict}: {text}</div>'
     )
     facts = [f'{formula.states} states']

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby, pairwise
+from itertools import chain, groupby, pairwise
 from typing import Final
 
 import numpy as np
@@ -119,6 +119,11 @@ def last_state(formula: FormulaReport, whole: Span) -> int:
 
 def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
     """Return the outcomes of a formula over time, in order, and with gaps before its states."""
+    if found := [each.report for each in formula.attempts if each.report.first_state is not None]:
+        begins = [each.first_state or 0 for each in found]
+        spans = map(Span, begins, [*begins[1:], max(whole.end, begins[-1])])
+        parts = (segments(*pair) for pair in zip(found, spans, strict=True))
+        return _merged(_seen([*chain.from_iterable(parts)], whole))
     has_states = bool(formula.episodes and (formula.states or formula.error is None))
     if not has_states:
         outcome = formula.outcome
