@@ -178,7 +178,7 @@ class FormulaReport:
     def reason(self) -> str:
         """Why it has its outcome, for people."""
         if self.attempts:
-            return '; '.join(self._reasons_of_attempts())
+            return '; '.join(self.reasons_of_attempts())
         if self.error is not None:
             return self.error.message
         decisive = self.decisive
@@ -200,7 +200,15 @@ class FormulaReport:
         """Return the report with an error in place of all episodes."""
         return replace(self, episodes=(), error=error, attempts=())
 
-    def _reasons_of_attempts(self) -> Iterator[str]:
+    @property
+    def first_error(self) -> DyKnowError | None:
+        """The error of its first evaluation with one, or of its first episode with one."""
+        reports = [*(each.report for each in self.attempts), self]
+        errors = chain.from_iterable((r.error, *(e.error for e in r.episodes)) for r in reports)
+        return next(filter(None, errors), None)
+
+    def reasons_of_attempts(self) -> Iterator[str]:
+        """Yield how its evaluations have ended, for people: a false one first."""
         failure = self.failure
         if failure is not None:
             at = '' if failure.decided_at is None else f' at {round_time(failure.decided_at)}'

@@ -42,7 +42,7 @@ def reasons(report: FormulaReport) -> Iterator[str]:
     """Yield the lines that say why a formula has its outcome."""
     if len(report.episodes) > 1:
         yield episode_counts(report)
-    yield report.reason
+    yield from report.reasons_of_attempts() if report.attempts else (report.reason,)
     if report.outcome is Outcome.UNDECIDED and report.episodes and report.waits_for:
         yield report.waits_for
     yield from report.events

@@ -90,7 +90,7 @@ class JUnitSuites(CheckOutput):
         text = with_readable_times('\n'.join(reasons(formula)), extent(recording).origin)
         lines = text, f'formula: {formula_text(formula.formula)}'
         if formula.outcome is Outcome.ERROR:
-            error = formula.error or (decisive and decisive.error)
+            error = formula.first_error
             kind = error.code.name if error else ''
             case.result = _result(Error, kind, *lines)
         elif not self._judgement.passes(formula):

@@ -119,14 +119,17 @@ def status_changes(report: RecordingReport) -> list[StatusChange]:
 def _changes_of(
     index: int, formula: FormulaReport, report: RecordingReport, times: LogTimes
 ) -> Iterator[StatusChange]:
-    number = 0
+    first = number = 0
     for each in formula.attempts:
         end = report.end_time if each.failed_at is None else each.failed_at
         part = replace(report, start_time=each.begin, end_time=end)
         for change in _changes_of(index, each.report, part, times):
-            own = change.episode
-            yield replace(change, episode=None if own is None else number + own)
-        number += len(each.report.episodes) + 1
+            if change.episode is None:
+                yield change
+            else:
+                number = first + change.episode
+                yield replace(change, episode=number)
+        first = number + 1
     if formula.attempts:
         return
     running = EvaluationStatus(

@@ -260,8 +260,8 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     if '\n' in text:  # It shows a place in the text of the formula.
         text = f'<pre>{text}</pre>'
     yield (
-        f'<div class="why is-{outcome}"><span class="word {outcome}">{formula.outcome_text}</span>{at}, '
-        f'{verdict}: {text}</div>'
+        f'<div class="why is-{outcome}"><span class="word {outcome}">{formula.outcome_text}</span>'
+        f'{at}, {verdict}: {text}</div>'
     )
     facts = [f'{formula.states} states']
     if len(formula.episodes) > 1:
