@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import replace
-from unittest import mock
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded import ListedSamples, RecordedSample, at, carried, recording, sample
+from recorded import ListedSamples, carried, recording
 from test_column_states import (
     BATCHES,
     FILES,
@@ -26,9 +22,7 @@ from test_column_states import (
     with_faults,
 )
 
-from dyknow_common import Verdict
 from dyknow_configuration import RequestedFormula
-from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome

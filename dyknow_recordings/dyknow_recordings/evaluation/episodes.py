@@ -130,6 +130,8 @@ class EpisodeGroup:
         is_suffix: True if states before the first one are not recorded.
     """
 
+    last_state: int | None = None
+
     def __init__(
         self,
         formulas: Sequence[FormulaEpisodes],
@@ -155,7 +157,6 @@ class EpisodeGroup:
         self._unknown = unknown
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
         self._states, self._is_suffix = 0, is_suffix
-        self._latest: int | None = None
         self.losses: list[LostMessages] = []
         """The messages that states are missing for."""
         self._owners: dict[int, FormulaEpisodes] = {}
@@ -187,7 +188,7 @@ class EpisodeGroup:
         if self._states == 1:
             for each in self.formulas:
                 each.first_state = valid_time
-        self._latest = valid_time
+        self.last_state = valid_time
         if self.observer is not None:
             columns = {name: (value,) for name, value in values.items()}
             self.observer.states((valid_time,), columns)
@@ -349,7 +350,7 @@ class EpisodeGroup:
                 self._fail(each, self._loss() if self.losses else _unknown_begin(each))
         for each in self.formulas:
             if not each.has_ended:
-                each.states, each.last_state = self._states, self._latest
+                each.states, each.last_state = self._states, self.last_state
                 if each in self._standing:
                     each.episodes = self._standing[each].episodes()
             for formula_id, index in each.open_episodes.items():
@@ -407,7 +408,7 @@ class EpisodeGroup:
         return [each for each in self.formulas if not each.has_ended]
 
     def _end(self, formula: FormulaEpisodes) -> None:
-        formula.states, formula.last_state = self._states, self._latest
+        formula.states, formula.last_state = self._states, self.last_state
         self.has_ended = all(each.has_ended for each in self.formulas)
         formula.on_end()
 

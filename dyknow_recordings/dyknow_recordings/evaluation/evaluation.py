@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain, count
 from operator import attrgetter
@@ -29,14 +29,11 @@ from dyknow_common import (
     NANOSECONDS,
     SECOND_NS,
     DyKnowError,
-    ExitCode,
-    one_line,
     round_duration,
 )
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import Retries, with_caveat
 from dyknow_reasoning import Range, UnknownFeatures
-from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.checked_formula import MAX_ATTEMPTS, CheckedFormula
 from dyknow_recordings.evaluation.episodes import (
     FROM_FIRST_STATE,
     EpisodeGroup,
@@ -46,12 +43,7 @@ from dyknow_recordings.evaluation.episodes import (
 )
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
 from dyknow_recordings.evaluation.observation import SignalRecorder, terms_of
-from dyknow_recordings.evaluation.results import (
-    Attempt,
-    FormulaReport,
-    RecordingReport,
-    report_of_attempts,
-)
+from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.standby import GroupStream
 from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
@@ -77,43 +69,7 @@ SILENCE_LOOKS_NS: Final = 60 * SECOND_NS
 MAX_STEP_NS: Final = 30 * SECOND_NS
 """The longest time without a message: after a longer one, the clock may have been stopped."""
 
-MAX_ATTEMPTS: Final = 100
-"""The number of evaluations of a formula, each but the first after an error."""
-
-_FINAL: Final = frozenset({ExitCode.INVALID_ARGUMENT, ExitCode.NOT_FOUND})
-"""The codes of errors that also end any later evaluation: a recorded topic has one type."""
-
 _TopicParts = Mapping[str, Sequence[MessageColumns]]
-
-
-@dataclass(slots=True)
-class _Request:
-    """A requested formula with its group, or with the error of its grounding."""
-
-    requested: RequestedFormula
-    grounded: GroundedFormula | None = None
-    error: DyKnowError | None = None
-    episodes: FormulaEpisodes | None = None
-    group: StateGroup | None = None
-    observer: SignalRecorder | None = None
-    begin: int = BEGINNING
-    """The log time from which on it is evaluated."""
-    failed_at: int | None = None
-    """The log time at which this evaluation has failed, if it may be evaluated again."""
-    attempts: list[Attempt] = field(default_factory=list)
-    """The evaluations before."""
-    retries: Retries = field(default_factory=Retries)
-
-    @property
-    def may_be_retried(self) -> bool:
-        """True if it has ended with an error that a later evaluation may not have."""
-        error = self.episodes and self.episodes.failure
-        return error is not None and error.code not in _FINAL
-
-    @property
-    def name(self) -> str:
-        """The name of the formula, for people."""
-        return self.requested.name or one_line(self.requested.text)
 
 
 def evaluate_recording(
@@ -143,19 +99,12 @@ def evaluate_recording(
     Raises:
         DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
     """
-    make = partial(
-        RecordingEvaluation,
-        recording,
-        formulas,
-        files,
-        start,
-        keep_signals=keep_signals,
-        margins=margins,
-    )
+    kept = {'keep_signals': keep_signals, 'margins': margins}
+    make = partial(RecordingEvaluation, recording, formulas, files, start, **kept)
     report = (evaluation := make()).run()
     if retries and evaluation.may_retry:
         # Columns of messages end at no error. So only recordings with errors are read again.
-        make = partial(make, retries=True)
+        make.keywords['retries'] = True
         report = (evaluation := make()).run()
     if probabilities:
         report = _with_probabilities(report, make(probabilities=True).run())
@@ -199,6 +148,11 @@ def _with_signals(report: RecordingReport, another: RecordingEvaluation) -> Reco
 class RecordingEvaluation:
     """The evaluation of formulas over one recording; see `evaluate_recording`."""
 
+    _vocabulary_notes: tuple[str, ...] = ()
+    _observes_to_end = False
+    # The log time up to which all messages have been progressed.
+    _reached = BEGINNING
+
     def __init__(
         self,
         recording: RecordingReader,
@@ -214,8 +168,10 @@ class RecordingEvaluation:
         self._recording = recording
         self._keep_signals, self._start, self._retries = keep_signals, start, retries
         self._margins, self._probabilities = margins, probabilities
-        self._missing_is_unknown = files.missing_is_unknown
-        self._silence_limit = files.silence_limit
+        self._missing_is_unknown, self._silence_limit = (
+            files.missing_is_unknown,
+            files.silence_limit,
+        )
         self._streams = RecordedStreams(
             recording.contents,
             files.streams,
@@ -223,7 +179,6 @@ class RecordingEvaluation:
             absent_is_unknown=files.missing_is_unknown,
         )
         self._pending: list[StateGroup] = []
-        self._vocabulary_notes: tuple[str, ...] = ()
         self._requests = self._ground_all(formulas, files)
         inputs = [each.grounded.inputs for each in self._requests if each.grounded]
         sources = dict.fromkeys(source for each in inputs for source in each.candidates.found)
@@ -231,9 +186,8 @@ class RecordingEvaluation:
         self._fields = self._streams.prepare(sources, unknown)
         self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
         self._next_look = max(recording.start_time, start.begin)
-        self._observes_to_end = False
-        self._failed: list[_Request] = []
         self._group_numbers = count(1)
+        self._failed: list[CheckedFormula] = []
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
         # The groups without states so far, and the times from which on they have some.
@@ -242,8 +196,6 @@ class RecordingEvaluation:
         self._losses_to_come: list[LostMessages] = []
         # Losses that may have begun, but not ended.
         self._open_losses: list[LostMessages] = []
-        # The log time up to which all messages have been progressed.
-        self._reached = BEGINNING
 
     def observe_to_end(self) -> None:
         """Keep signals also of the states that no formula needs any more."""
@@ -283,7 +235,7 @@ class RecordingEvaluation:
             recording=str(recording.path),
             start_time=start,
             end_time=end,
-            formulas=tuple(self._report(each) for each in self._requests),
+            formulas=tuple(each.report() for each in self._requests),
             notes=(
                 *self._vocabulary_notes,
                 *self._streams.notes,
@@ -345,7 +297,7 @@ class RecordingEvaluation:
 
     def _ground_all(
         self, formulas: Sequence[RequestedFormula], files: MonitoringFiles
-    ) -> list[_Request]:
+    ) -> list[CheckedFormula]:
         with closing(load_vocabulary(files, self._recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)
             grounder = FormulaGrounder(
@@ -357,7 +309,7 @@ class RecordingEvaluation:
             )
             return [self._ground(grounder, each) for each in formulas]
 
-    def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
+    def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> CheckedFormula:
         try:
             grounded = grounder.ground(
                 requested.text,
@@ -366,13 +318,13 @@ class RecordingEvaluation:
                 margin=self._margins or requested.margin,
                 probability=self._probabilities,
             )
-            return _Request(requested, grounded)
+            return CheckedFormula(requested, grounded)
         except DyKnowError as error:
-            return _Request(requested, error=error)
+            return CheckedFormula(requested, error=error)
 
     def _make_groups(self) -> list[StateGroup]:
         """Make a group for all formulas over the same streams."""
-        members: dict[tuple[str, ...], list[tuple[_Request, GroundedFormula]]] = {}
+        members: dict[tuple[str, ...], list[tuple[CheckedFormula, GroundedFormula]]] = {}
         for request in self._requests:
             if request.grounded is not None:
                 features = tuple(sorted(request.grounded.inputs.features))
@@ -381,7 +333,7 @@ class RecordingEvaluation:
 
     def _make_group(
         self,
-        members: Sequence[tuple[_Request, GroundedFormula]],
+        members: Sequence[tuple[CheckedFormula, GroundedFormula]],
         start: EpisodeStart,
         former: StateGroup | None = None,
     ) -> StateGroup:
@@ -392,18 +344,7 @@ class RecordingEvaluation:
             domains |= grounded.inputs.domains
             ranges |= grounded.inputs.unknown
             request.episodes = FormulaEpisodes(grounded, self._every(request.requested, grounded))
-        observer: SignalRecorder | None = None
-        if former is not None:
-            observer = former.episodes.observer if former.has_ended else None
-        elif self._keep_signals:
-            texts = (text for _, each in members for text in (each.formula, each.probability))
-            observer = SignalRecorder(
-                terms_of(filter(None, texts), domains),
-                domains,
-                is_asked_once=all(
-                    each.episodes and each.episodes.every is Every.FIRST for each, _ in members
-                ),
-            )
+        observer = self._observer(members, domains, former)
         episodes = EpisodeGroup(
             [each.episodes for each, _ in members if each.episodes],
             domains,
@@ -428,29 +369,43 @@ class RecordingEvaluation:
                 request.episodes.on_end = partial(self._failed.append, request)
         return group
 
+    def _observer(
+        self,
+        members: Sequence[tuple[CheckedFormula, GroundedFormula]],
+        domains: Mapping[str, tuple[str, ...]],
+        former: StateGroup | None,
+    ) -> SignalRecorder | None:
+        """Return what keeps the signals of a group; a group that goes on keeps its own."""
+        if former is not None:
+            observer = former.episodes.observer if former.has_ended else None
+            if observer is not None:
+                observer.gap()
+            return observer
+        if not self._keep_signals:
+            return None
+        texts = (text for _, each in members for text in (each.formula, each.probability))
+        is_asked_once = all(
+            each.episodes and each.episodes.every is Every.FIRST for each, _ in members
+        )
+        terms = terms_of(filter(None, texts), domains)
+        return SignalRecorder(terms, domains, is_asked_once=is_asked_once)
+
     def _retry(self, now: int) -> None:
         """Make groups for the formulas that have just failed; they begin at a later look."""
-        members: dict[tuple[StateGroup, int], list[tuple[_Request, GroundedFormula]]] = {}
+        members: dict[tuple[StateGroup, int], list[tuple[CheckedFormula, GroundedFormula]]] = {}
         while self._failed:
             request = self._failed.pop(0)
             episodes, group = request.episodes, request.group
-            if not (request.may_be_retried and episodes and episodes.failure and group):
+            if not (request.may_be_retried and episodes and group):
                 continue
-            request.failed_at = now
-            if episodes.states > 1:
-                request.retries.note_progress()
-            due = now + request.retries.delay(episodes.failure.code)
-            looks = max((due - self._next_look) // SILENCE_PERIOD_NS, 0)
-            begin = self._next_look + looks * SILENCE_PERIOD_NS
-            if begin <= self._recording.end_time and len(request.attempts) + 1 < MAX_ATTEMPTS:
-                request.attempts.append(self._attempt(request))
-                request.failed_at = None
+            wait = request.fail(now) - self._next_look
+            begin = self._next_look + max(wait // SILENCE_PERIOD_NS, 0) * SILENCE_PERIOD_NS
+            if begin <= self._recording.end_time and not request.is_given_up:
+                request.end_attempt()
                 members.setdefault((group, begin), []).append((request, episodes.grounded))
         for (former, begin), found in members.items():
             start = replace(self._start, begin=begin, is_suffix=False)
             group = self._make_group(found, start, former)
-            if group.episodes.observer is not None:
-                group.episodes.observer.gap()
             self._waiting[group] = begin
             self._running.append(group)
 
@@ -483,6 +438,7 @@ class RecordingEvaluation:
                 group.check_silence(now)
             elif self._waiting[group] <= now:
                 del self._waiting[group]
+                self._streams.rejected.clear()
                 group.start(now)
                 for lost in self._losses:
                     if lost not in self._losses_to_come:
@@ -502,59 +458,12 @@ class RecordingEvaluation:
     def _lacks(self) -> Iterator[str]:
         """Yield notes on formulas that are evaluated over a part of the recording."""
         for each in self._requests:
-            if each.failed_at is not None and len(each.attempts) + 1 >= MAX_ATTEMPTS:
+            if each.failed_at is not None and each.is_given_up:
                 left_out = round_duration(self._recording.end_time - each.failed_at)
                 text = f'has ended with {MAX_ATTEMPTS} errors: its last {left_out} are not checked'
                 yield f"'{each.name}' {text}"
             if each.group and each.group.lack and each.episodes and not each.episodes.has_ended:
                 yield f"'{each.name}' {each.group.lack}"
-
-    def _attempt(self, request: _Request) -> Attempt:
-        report = self._report_of_latest(request)
-        last_state = request.episodes.last_state if request.episodes else None
-        return Attempt(request.begin, request.failed_at, replace(report, last_state=last_state))
-
-    def _report(self, request: _Request) -> FormulaReport:
-        observer = request.observer
-        report = self._report_of_latest(request)
-        if request.attempts:
-            report = report_of_attempts([*request.attempts, self._attempt(request)])
-        return replace(report, signals=observer.result() if observer else None)
-
-    def _report_of_latest(self, request: _Request) -> FormulaReport:
-        requested, group, episodes = request.requested, request.group, request.episodes
-        name = request.name
-        if group is None or episodes is None:
-            return FormulaReport(name, requested.text, error=request.error)
-        error = episodes.error
-        if error is None and not (episodes.states or episodes.has_ended):
-            # Nothing is known of the formula: the verdict undecided would hide this.
-            reason = group.waits_for or 'it ends too early'
-            error = RecordingError(f'the recording has no state: {reason}', ExitCode.NOT_FOUND)
-        formula = episodes.grounded.formula
-        probability = episodes.probability if error is None else None
-        return FormulaReport(
-            name,
-            formula,
-            episodes=tuple(
-                each
-                if each.error
-                else replace(each, explanation=with_caveat(each.explanation, group.groundings))
-                for each in episodes.episodes
-            ),
-            error=error,
-            states=episodes.states,
-            first_state=episodes.first_state,
-            groundings=group.groundings,
-            violations=tuple(episodes.violations),
-            gaps=tuple(episodes.gaps),
-            events=tuple(episodes.events),
-            waits_for=group.waits_for,
-            probability=None if probability is None else probability.interval(),
-            probability_so_far=None if probability is None else probability.interval_at_end(),
-            units=episodes.grounded.units,
-            asked_probability=episodes.grounded.probability,
-        )
 
 
 class ColumnStates:

@@ -112,7 +112,8 @@ class RecordedStreams:
         # The log time of the first message.
         self._begin = END
         self._latest_valid_times: dict[str, int] = {}
-        self._rejected: dict[str, str] = {}
+        self.rejected: dict[str, str] = {}
+        """Why messages of a topic cannot be used."""
         self._unstamped: set[str] = set()
         self._kept: dict[str, Callable[[], Sample]] = {}
         # The columns of a trace whose empty cells are unknown values.
@@ -489,7 +490,7 @@ class RecordedStreams:
         self._consumers = consumers
 
     def _reject(self, name: str, valid_time: int, now: int, fault: str) -> None:
-        self._rejected.setdefault(self.absolute(name), fault)
+        self.rejected.setdefault(self.absolute(name), fault)
         text = f"stream '{name}': a message cannot be used: {fault}"
         self.dataflow.advance(now)
         self.dataflow.drop(name, ViolationKind.MESSAGE)
@@ -518,8 +519,8 @@ class RecordedStreams:
             return f'no message of {topic} can be read: {reason}'
         if not content.count:
             return f'the recording has no message of {topic}'
-        if topic in self._rejected:
-            return f'messages of {topic} cannot be used: {self._rejected[topic]}'
+        if topic in self.rejected:
+            return f'messages of {topic} cannot be used: {self.rejected[topic]}'
         return f'{topic} has fallen silent' if self._received[topic] <= since else ''
 
 

@@ -119,11 +119,8 @@ def last_state(formula: FormulaReport, whole: Span) -> int:
 
 def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
     """Return the outcomes of a formula over time, in order, and with gaps before its states."""
-    if found := [each.report for each in formula.attempts if each.report.first_state is not None]:
-        begins = [each.first_state or 0 for each in found]
-        spans = map(Span, begins, [*begins[1:], max(whole.end, begins[-1])])
-        parts = (segments(*pair) for pair in zip(found, spans, strict=True))
-        return _merged(_seen([*chain.from_iterable(parts)], whole))
+    if any(each.report.first_state is not None for each in formula.attempts):
+        return _of_attempts(formula, whole)
     has_states = bool(formula.episodes and (formula.states or formula.error is None))
     if not has_states:
         outcome = formula.outcome
@@ -137,6 +134,15 @@ def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
         for begin, end, each in zip(begins, ends, formula.episodes, strict=True)
     ]
     return _merged(_seen(found, whole))
+
+
+def _of_attempts(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
+    """Return the outcomes of all evaluations, each from its first state to the next one's."""
+    reports = [each.report for each in formula.attempts if each.report.first_state is not None]
+    begins = [each.first_state or 0 for each in reports]
+    spans = map(Span, begins, [*begins[1:], max(whole.end, begins[-1])])
+    found = (segments(*pair) for pair in zip(reports, spans, strict=True))
+    return _merged(_seen([*chain.from_iterable(found)], whole))
 
 
 def episode_runs(formula: FormulaReport) -> list[Sequence[Episode]]:
