@@ -165,13 +165,9 @@ class RecordingEvaluation:
         probabilities: bool = False,
         retries: bool = False,
     ) -> None:
-        self._recording = recording
+        self._recording, self._files = recording, files
         self._keep_signals, self._start, self._retries = keep_signals, start, retries
         self._margins, self._probabilities = margins, probabilities
-        self._missing_is_unknown, self._silence_limit = (
-            files.missing_is_unknown,
-            files.silence_limit,
-        )
         self._streams = RecordedStreams(
             recording.contents,
             files.streams,
@@ -184,7 +180,7 @@ class RecordingEvaluation:
         sources = dict.fromkeys(source for each in inputs for source in each.candidates.found)
         unknown = frozenset(chain.from_iterable(each.unknown for each in inputs))
         self._fields = self._streams.prepare(sources, unknown)
-        self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
+        self._columns = ColumnStates(self._streams, recording.start_time, self._files.silence_limit)
         self._next_look = max(recording.start_time, start.begin)
         self._group_numbers = count(1)
         self._failed: list[CheckedFormula] = []
@@ -349,7 +345,7 @@ class RecordingEvaluation:
             [each.episodes for each, _ in members if each.episodes],
             domains,
             observer,
-            UnknownFeatures(ranges, all_may_be=self._missing_is_unknown),
+            UnknownFeatures(ranges, all_may_be=self._files.missing_is_unknown),
             is_suffix=start.is_suffix,
         )
         episodes.is_observed_to_end = self._observes_to_end and observer is not None
@@ -360,7 +356,7 @@ class RecordingEvaluation:
             self._streams,
             start,
             lambda: self._pending.append(group),
-            self._silence_limit,
+            self._files.silence_limit,
         )
         for request, _ in members:
             request.group, request.begin = group, max(start.begin, self._recording.start_time)
@@ -418,7 +414,7 @@ class RecordingEvaluation:
 
     def _advance(self, until: int) -> None:
         """Do what is due before a time, each at its own time."""
-        last_look = min(until, self._next_look + self._silence_limit + SILENCE_LOOKS_NS)
+        last_look = min(until, self._next_look + self._files.silence_limit + SILENCE_LOOKS_NS)
         while True:
             deadline = self._streams.dataflow.next_deadline()
             due = self._next_look if deadline is None else min(deadline, self._next_look)
