@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded import ListedSamples, carried, recording
+from recorded import ListedSamples, RecordedSample, at, carried, recording, sample
+from running_checks import run_check
+from test_check_outputs import faults
 from test_column_states import (
     BATCHES,
     FILES,
@@ -22,11 +27,18 @@ from test_column_states import (
     with_faults,
 )
 
+from dyknow_common.executables import ERROR
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.results import FormulaReport, Outcome
+from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
+from dyknow_recordings.reporting.judgement import Judgement, reasons
+from dyknow_recordings.reporting.pictures.timeline import extent, segments
+from dyknow_recordings.reporting.verdict_messages import verdict_number
+from dyknow_recordings.reporting.verdict_recording import status_changes
+
+pytestmark = pytest.mark.long
 
 PERIOD = 500 * MS
 
@@ -106,3 +118,93 @@ def test_attempts_choose_among_all_sources(
     messages = with_faults(drawn, data, 1)
     with carried(THREE_STREAMS):
         compare(recording(messages, batch), 'eventually[1 s, 8 s] Power + Height > 7', start=start)
+
+
+@settings(max_examples=min(30, settings.default.max_examples))
+@given(MESSAGES, st.data(), BATCHES, st.lists(st.sampled_from(FORMULAS), min_size=2, unique=True))
+def test_a_formula_without_an_error_has_the_same_results_beside_others(
+    drawn: Drawn, data: st.DataObject, batch: int, formulas: list[str]
+) -> None:
+    source = recording(with_faults(drawn, data, 1), batch)
+    requested = [RequestedFormula(each) for each in formulas]
+    before = evaluate_recording(source, requested).formulas
+    after = evaluate_recording(source, requested, retries=True, keep_signals=True).formulas
+    for each, other in zip(before, after, strict=True):
+        first = other.attempts[0].report if other.attempts else replace(other, signals=None)
+        assert repr(replace(first, last_state=None)) == repr(each)
+
+
+LATE = [sample('/a', time / 10, delay=1.2 if time == 5 else 0, v=1.0) for time in range(50)]
+FALSE = [sample('/a', 5 + time / 10, v=9.0) for time in range(5)]
+
+
+def report_of(messages: Sequence[RecordedSample], formula: str) -> RecordingReport:
+    return evaluate_recording(recording(messages), [RequestedFormula(formula)], retries=True)
+
+
+def test_a_false_formula_is_not_hidden_behind_an_error() -> None:
+    report = report_of([*LATE, *FALSE], 'always "/a".v < 4')
+    (formula,) = report.formulas
+    late, after = formula.attempts
+    assert (late.failed_at, after.begin, after.failed_at) == (at(1.7), at(2), None)
+    assert formula.outcome is Outcome.ERROR
+    assert formula.outcome_text == 'error, false'
+    assert formula.failure is not None
+    assert formula.failure.decided_at == at(5)
+    counts, false, error, *_ = reasons(formula)
+    assert counts == '2 episodes: 1 error, 1 false'
+    assert false.startswith('false at 1700000005.000 s: ')
+    assert error.startswith("error at 1700000001.700 s: stream '/a': the sample")
+    assert Judgement.AUTO.exit_code([report]) == ERROR
+    outcomes = [(each.span.start, each.outcome) for each in segments(formula, extent(report))]
+    assert outcomes == [
+        (at(0), Outcome.UNDECIDED),
+        (at(1.6), Outcome.ERROR),
+        (at(2), Outcome.UNDECIDED),
+        (at(5), Outcome.FALSE),
+    ]
+    numbers = [
+        (each.log_time, verdict_number(each.status), each.episode)
+        for each in status_changes(report)
+    ]
+    assert numbers == [
+        (at(0), 0, None), (at(1.7), -2, 0), (at(2), 0, None), (at(5), -1, 1),
+    ]  # fmt: skip
+
+
+def test_an_error_at_each_state_ends_a_bounded_number_of_evaluations() -> None:
+    messages = [sample('/a', 1.0 * time, v=math.nan) for time in range(700)]
+    report = report_of(messages, 'always "/a".v < 4')
+    begins = [each.begin for each in report.formulas[0].attempts]
+    assert begins[:6] == list(map(at, (0, 0.5, 2, 4, 8, 13)))
+    assert len(begins) == 100
+    assert '\'always "/a".v < 4\' has ended with 100 errors: its last' in report.notes[-1]
+
+
+@pytest.mark.parametrize('formula', ['always "/a".v <', 'always "/z".v < 4', 'always "/a".q < 4'])
+def test_an_error_that_no_retry_can_mend(formula: str) -> None:
+    (report,) = report_of(LATE, formula).formulas
+    assert report.error is not None
+    assert not report.attempts
+
+
+def test_the_command(tmp_path: Path) -> None:
+    trace = tmp_path / 'flight.csv'
+    values = ['1', '', '2', '2', '9', '9']
+    rows = ''.join(f'{time},{value}\n' for time, value in enumerate(values))
+    trace.write_text(f'time_s,alt: float\n{rows}')
+    options = (trace, '--formula', 'always alt < 5', '--retry', '--margins')
+    found = run_check(*options, '--json')
+    assert found.code == ERROR
+    assert faults(found.document) == []
+    (formula,) = found.formulas
+    attempts = [(each['failed_at_ns'], each['outcome']) for each in formula['attempts']]
+    assert attempts == [(1_000_000_000, 'error'), (None, 'false')]
+    assert [each['decided_at_ns'] for each in formula['episodes']] == [None, 4_000_000_000]
+    assert formula['episodes'][1]['margin']['upper'] == -4.0
+    junit = tmp_path / 'out.xml'
+    both = run_check(trace, *options, '--jobs', 2, '--every', 'state', '--junit', junit)
+    assert both.out.count('error, false') == 2
+    assert junit.read_text().count('type="CONSTRAINT_VIOLATION"') == 2
+    refused = run_check(*options, '--probability')
+    assert 'leave out --retry' in refused.err
