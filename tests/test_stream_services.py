@@ -238,7 +238,6 @@ def test_stamps_ahead_of_the_clock(engine: Nodes) -> None:
     assert [each.constraint for each in (*violations, *broken)] == ['future'] * 3
     assert 25 * SECOND < nanoseconds(violations[0].observed) <= 30 * SECOND
     assert nanoseconds(violations[0].allowed) == PERIOD
-    assert nanoseconds(violations[0].available_time) > last
     assert nanoseconds(broken[0].allowed) == 60 * SECOND
 
     def reported() -> Any:
