@@ -89,16 +89,21 @@ def _run_chosen(arguments: Sequence[str]) -> int:
         )
         raise DyKnowError(text, ExitCode.UNAVAILABLE)
     if verb is None or not verb.needs_ros:
-        return _run(arguments)
+        chosen = _chosen(arguments)
+        return int(chosen.command(chosen))
     try:
         ros, utilities = map(import_module, ('dyknow_common.ros', 'rclpy.utilities'))
     except ImportError as error:
         text = f'{arguments[0]} needs ROS: {error}; {SOURCE_ENVIRONMENT}'
         raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
-    return int(ros.run_ros_main('dyknow', lambda: _run(utilities.remove_ros_args(arguments))))
+
+    def work() -> int:
+        return int(ros.run_chosen(_chosen(utilities.remove_ros_args(arguments)), arguments))
+
+    return int(ros.run_ros_main('dyknow', work))
 
 
-def _run(arguments: Sequence[str]) -> int:
+def _chosen(arguments: Sequence[str]) -> argparse.Namespace:
     parser = options_parser(*arguments[:1] or [''])
     if arguments and not arguments[0].startswith('-') and arguments[0] not in VERBS:
         parser.error(unknown('verb', arguments[0], VERBS))
@@ -106,4 +111,4 @@ def _run(arguments: Sequence[str]) -> int:
     if others:
         # argparse would show the usage of dyknow instead of the verb's.
         chosen.refuse(f'unrecognized arguments: {" ".join(others)}')
-    return int(chosen.command(chosen))
+    return chosen

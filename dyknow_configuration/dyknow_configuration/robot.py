@@ -118,10 +118,15 @@ class RequestedGuard:
         Args:
             resolve: returns the absolute name of a topic.
         """
+        for name, stream in self.topics_of_formulas():
+            if resolve(stream) == resolve(self.input):
+                yield name, stream
+
+    def topics_of_formulas(self) -> Iterator[tuple[str, str]]:
+        """Yield the name of each formula with each stream or topic that it names, but the input."""
         for formula in self.formulas:
             for stream in sorted(formula.streams - {self.input}):
-                if resolve(stream) == resolve(self.input):
-                    yield formula.name, stream
+                yield formula.name, stream
 
     def conflict_with(
         self, others: Collection[RequestedGuard], resolve: Callable[[str], str] = str

@@ -10,7 +10,12 @@ from dyknow_command.verbs import VERBS
 INTRODUCTION = """\
 Every verb of `dyknow` with its arguments and options, as `dyknow VERB --help` shows them.
 Durations are in seconds unless a unit is given: `30`, `'500 ms'`, `'5 min'`. The exit code is 0
-for true or done, 1 for a verdict of false, and 2 for everything else."""
+for true or done, 1 for a verdict of false, and 2 for everything else.
+
+`evaluate`, `monitor`, `guard`, `evaluations`, `streams`, `semantics`, `federation`, `dashboard` and
+`replay` are one node each, and take `--ros-args` as any ROS node does, such as `dyknow guard
+robot.yaml --ros-args -r /cmd_vel:=/base_cmd`. All other verbs refuse it: `up` and `demo` start
+several nodes."""
 
 
 def commands_page():

@@ -45,9 +45,10 @@ INTRODUCTION = """\
 The seven nodes of DyKnow, `formula_markers` and `black_box_recorder`. Names that begin with `~/`
 are within the name of the node: `~/evaluate_formula` of the coordinator is
 `/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any text. Parameters come
-from a params file, the `nodes` of a [robot.yaml](../configuration.md), or `--ros-args -p
-NAME:=VALUE`; `ros2 param set` changes some while the node runs. [Limits](../limits.md) explains the
-bounds of what a request may cost."""
+from a params file, the `nodes` of a [robot.yaml](../configuration.md), or, with
+`ros2 run`, `--ros-args -p NAME:=VALUE`; [Commands](commands.md) names the verbs that take it. `ros2
+param set` changes some while the node runs. [Limits](../limits.md) explains the bounds of what a
+request may cost."""
 
 EVERY_NODE = """\
 Every node publishes `~/_heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which others know

@@ -393,7 +393,8 @@ def _watching(
     ]
     # Lines of the log would disturb the table; they are still on /rosout.
     quiet = ['--disable-stdout-logs'] if is_live else []
-    start_ros([*sys.argv, '--ros-args', *parameters, *quiet])
+    # The last of several values counts: one of the command line.
+    start_ros(['--ros-args', *parameters, *quiet, '--', *sys.argv])
     try:
         node: FormulaMonitor | AttachedMonitor
         name = f'dyknow_monitor_{os.getpid()}'

@@ -35,6 +35,8 @@ from dyknow_common.tables import Terminal
 START_TIMEOUT_S = 30.0
 """Time that the nodes may take to start."""
 
+INSTEAD_OF_ROS_ARGUMENTS = 'a demonstration sets the names and parameters of all its nodes'
+
 
 class SystemRun(ABC):
     """A node beside systems that launchers run; a subclass works with it.

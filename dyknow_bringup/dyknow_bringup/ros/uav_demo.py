@@ -17,7 +17,7 @@ from dyknow_bringup.monitored_formula import formula_table
 from dyknow_bringup.resources import scenario_names, scenario_path
 from dyknow_bringup.ros.fleet_demo import FLEET, FleetDemonstration
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
-from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
+from dyknow_bringup.ros.scenario_run import INSTEAD_OF_ROS_ARGUMENTS, ScenarioRun, run_scenario
 from dyknow_bringup.simulation.recording import write_flight_report
 from dyknow_common import SECOND_NS
 from dyknow_common.executables import describe
@@ -120,7 +120,7 @@ def demo(options: argparse.Namespace) -> int:
 
 def add_demo_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.set_defaults(command=demo)
+    parser.set_defaults(command=demo, instead_of_ros_arguments=INSTEAD_OF_ROS_ARGUMENTS)
     describe(
         parser,
         'Monitor a simulated UAV fleet with DyKnow.',

@@ -13,7 +13,7 @@ from rich.markup import escape
 from dyknow_bringup.demonstration import plan_table, verdict_line
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.resources import plan_path
-from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
+from dyknow_bringup.ros.scenario_run import INSTEAD_OF_ROS_ARGUMENTS, ScenarioRun, run_scenario
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_common import SECOND_NS, Verdict
 from dyknow_common.executables import describe
@@ -89,7 +89,7 @@ def plan(options: argparse.Namespace) -> int:
 
 def add_plan_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.set_defaults(command=plan)
+    parser.set_defaults(command=plan, instead_of_ros_arguments=INSTEAD_OF_ROS_ARGUMENTS)
     describe(
         parser,
         'Monitor a simulated vehicle that executes a plan.',

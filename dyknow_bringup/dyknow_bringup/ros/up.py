@@ -42,6 +42,11 @@ UNENFORCED = (
     'ROS_SECURITY_STRATEGY=Enforce'
 )
 
+INSTEAD_OF_ROS_ARGUMENTS = (
+    'up starts several nodes; use its options --namespace, --use-sim-time, --log-level and '
+    '--params-file, or nodes: of the robot.yaml, and write the names of topics in the robot.yaml'
+)
+
 _STYLES = {'WARN': 'yellow', 'ERROR': 'red', 'FATAL': 'red'}
 
 
@@ -207,7 +212,7 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
 
 def add_up_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.set_defaults(command=up)
+    parser.set_defaults(command=up, instead_of_ros_arguments=INSTEAD_OF_ROS_ARGUMENTS)
     describe(
         parser,
         'Start the nodes of DyKnow and the guards of a robot, monitor its formulas, and show '

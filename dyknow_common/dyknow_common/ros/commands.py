@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
+from itertools import pairwise
 from typing import Any, Final
 
 import rclpy
@@ -33,6 +35,10 @@ TICK_PERIOD_S = 0.1
 
 _LAST_DOMAIN: Final = 232
 """The greatest domain whose ports exist (DDSI-RTPS 2.2, section 9.6.1.3)."""
+
+_PARAMETER_FLAGS: Final = {'-p', '--param'}
+_NAMES_IN_ROS: Final = {'namespace': '__ns'}
+"""Options of commands whose name differs from what --ros-args sets."""
 
 ROS_ERRORS = (
     NameValidationException,
@@ -147,10 +153,48 @@ def command_main(name: str, add_options: Callable[[argparse.ArgumentParser], Non
     def run() -> int:
         parser = argparse.ArgumentParser(prog=name)
         add_options(parser)
-        chosen = parser.parse_args(remove_ros_args(sys.argv)[1:])
-        return int(chosen.command(chosen))
+        return run_chosen(parser.parse_args(remove_ros_args(sys.argv)[1:]), sys.argv)
 
     return run_ros_main(name, run)
+
+
+def run_chosen(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
+    """Run a command with its options, and return its exit code.
+
+    A command passes the arguments of --ros-args to its node, or states what to use in their place
+    as the default of `instead_of_ros_arguments`. None is ignored.
+
+    Args:
+        chosen: the options, among them `command`, which does the work.
+        arguments: the command line, with the arguments of --ros-args.
+
+    Raises:
+        DyKnowError: for arguments of --ros-args that have no effect.
+    """
+    given = list(_ros_arguments(arguments))
+    if given and (instead := getattr(chosen, 'instead_of_ros_arguments', '')):
+        raise DyKnowError(f'"--ros-args {" ".join(given)}" would have no effect: {instead}')
+    settings = [
+        each for flag, each in pairwise(given) if flag in _PARAMETER_FLAGS or '__ns:=' in each
+    ]
+    for option, value in vars(chosen).items():
+        name = _NAMES_IN_ROS.get(option, option)
+        if value and any(re.search(f'(^|:){name}:=', each) for each in settings):
+            raise DyKnowError(
+                f'--ros-args sets {name}, and so does the option or argument {option} of this '
+                'command; use one of them'
+            )
+    return int(chosen.command(chosen))
+
+
+def _ros_arguments(arguments: Iterable[str]) -> Iterator[str]:
+    """Yield the arguments between --ros-args and --, as rcl finds them."""
+    is_of_ros = False
+    for each in arguments:
+        if each == '--ros-args' or (is_of_ros and each == '--'):
+            is_of_ros = each == '--ros-args'
+        elif is_of_ros:
+            yield each
 
 
 def run_with_node(name: str, work: Callable[[CommandNode], None]) -> int:

@@ -9,6 +9,7 @@ safe message in the same callback.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -119,8 +120,10 @@ class GuardNode(DyKnowNode):
     def _check_topics(self, others: Sequence[RequestedGuard]) -> None:
         """Refuse names of topics that are the same in this namespace."""
 
-        def resolved(name: str) -> str:
-            return name if topic_fault(self, name) else str(self.resolve_topic_name(name))
+        def resolved(name: str, *, only_expand: bool = False) -> str:
+            if topic_fault(self, name):
+                return name
+            return str(self.resolve_topic_name(name, only_expand=only_expand))
 
         for name, each in self._guard.other_names_of_input(resolved):
             raise ReactionError(
@@ -129,6 +132,12 @@ class GuardNode(DyKnowNode):
             )
         if conflict := self._guard.conflict_with(others, resolved):
             raise ReactionError(f"{self._guard.place}: the guard '{self._guard.name}': {conflict}")
+        for name, each in self._guard.topics_of_formulas():
+            if (effective := resolved(each)) != resolved(each, only_expand=True):
+                self.get_logger().warning(
+                    f"the formula '{name}' names {each}, which is evaluated by other nodes; the "
+                    f'remap to {effective} has no effect on it here'
+                )
 
     def _watch_formulas(self) -> None:
         services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))
@@ -256,8 +265,8 @@ class GuardNode(DyKnowNode):
         elif self._passage.bypass:  # Who can publish the output beside the guard.
             level, text = DiagnosticStatus.WARN, self._passage.bypass
         counts = {
-            'input': self._guard.input,
-            'output': self._guard.output,
+            'input': self._passage.input,
+            'output': self._passage.output,
             'passed': str(self._passed),
             'refused': str(self._refused),
         }
@@ -314,15 +323,14 @@ def guard(options: argparse.Namespace) -> int:
     """Run a guard until SIGINT or SIGTERM."""
     path = str(options.robot.resolve())
     chosen = chosen_guard(read_robot(options.robot).guards, options.name, path)
-    arguments = ['--ros-args', '-r', f'__node:={chosen.name}']
+    parameters = {'robot': path, 'guard': chosen.name, 'use_sim_time': options.use_sim_time}
+    arguments = ['--ros-args']
+    for name, value in parameters.items():
+        arguments += ['-p', f'{name}:={value}']
+    # The command line prevails: the last value of a parameter counts, and the first remap.
+    arguments += ['--', *sys.argv, '--ros-args', '-r', f'__node:={chosen.name}']
     if options.namespace:
         arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
-    for name, value in {
-        'robot': path,
-        'guard': chosen.name,
-        'use_sim_time': options.use_sim_time,
-    }.items():
-        arguments += ['-p', f'{name}:={value}']
     return run(GuardNode, arguments=arguments, failure=ERROR)
 
 

@@ -55,8 +55,9 @@ class Passage:
         self._guard = guard
         self._fields = fields
         self._on_message = on_message
-        self._input = absolute_topic(node, guard.input, 'input')
-        self._output = absolute_topic(node, guard.output, 'output')
+        self.input = absolute_topic(node, guard.input, 'input')
+        self.output = absolute_topic(node, guard.output, 'output')
+        """The names of the topics after remaps."""
         self._group = MutuallyExclusiveCallbackGroup()
         self._class: Any = None
         self._publisher: Any = None
@@ -72,8 +73,8 @@ class Passage:
     @property
     def bypass(self) -> str:
         """The remark that others publish the output, too; empty if they do not."""
-        others = self._node.count_publishers(self._output) - (self._publisher is not None)
-        return f'{self._output} has {others} more publishers, which the guard cannot stop' * (
+        others = self._node.count_publishers(self.output) - (self._publisher is not None)
+        return f'{self.output} has {others} more publishers, which the guard cannot stop' * (
             others > 0
         )
 
@@ -91,7 +92,7 @@ class Passage:
     def _missing_type(self) -> str:
         if self._class is not None:
             return ''
-        return f'nobody publishes {self._input}, and the guard states no type'
+        return f'nobody publishes {self.input}, and the guard states no type'
 
     def values(self, data: bytes) -> Mapping[str, Value]:
         """Return the values of a message, by their paths."""
@@ -114,7 +115,7 @@ class Passage:
             self._use(found.type_name)
         elif found.type_name != self._type:
             raise ReactionError(
-                f'{self._input} is published with the type {found.type_name}, not with {self._type}'
+                f'{self.input} is published with the type {found.type_name}, not with {self._type}'
             )
         request = next_request(self._request, found)
         if request.reliable != (self._request is None or self._request.reliable):
