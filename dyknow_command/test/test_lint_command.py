@@ -30,6 +30,8 @@ ROBOTS = (
     'domains',
     'guards',
     'list',
+    'misspelt_nodes',
+    'misspelt_ros_parameters',
     'named_in_faulty',
     'notes',
     'other_file',

@@ -11,7 +11,13 @@ from dyknow_configuration.federation import (
 )
 from dyknow_configuration.forecasts import table_text
 from dyknow_configuration.formulas import formula_lines, read_formulas, warn_of_notes
-from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
+from dyknow_configuration.nodes import (
+    PACKAGES,
+    is_parameter_file,
+    misspelt_nodes,
+    parameter_faults,
+    warn_of_misspelt_names,
+)
 from dyknow_configuration.proposals.observations import (
     FRAME,
     MAX_MESSAGES,
@@ -118,6 +124,7 @@ __all__ = [
     'frames_of',
     'is_coordinate',
     'is_parameter_file',
+    'misspelt_nodes',
     'parameter_faults',
     'proposed_timing',
     'read_formulas',
@@ -128,6 +135,7 @@ __all__ = [
     'single_placeholder',
     'table_text',
     'timing_of',
+    'warn_of_misspelt_names',
     'warn_of_notes',
     'write_errors',
     'write_new',

@@ -6,13 +6,17 @@ A check reads them without ROS. A test compares them with the reference of the n
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, Final, cast
 
 from dyknow_common import unknown
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import ParameterValue
-from dyknow_configuration.yaml_values import YamlValue
+from dyknow_configuration.yaml_values import YamlValue, read_yaml
 
 PACKAGES: Final = {
     'stream_processing_engine': 'dyknow_stream_processing',
@@ -139,6 +143,13 @@ PARAMETERS: Final[Mapping[str, Mapping[str, ParameterKind]]] = {
 }
 """The other parameters of the nodes that a file may configure."""
 
+_NODES: Final = (*_CONFIGURED, 'federation', 'formula_markers', 'formula_monitor')
+"""The nodes of DyKnow with names that no robot.yaml gives."""
+
+_NODE_SIMILARITY: Final = 0.85
+"""Of misspelt nodes. Other nodes share the files: `ontology_server` is no misspelling."""
+
+_KEY_SIMILARITY: Final = 0.75
 _ROS_KEY: Final = 'ros__parameters'
 _MAX_DEPTH: Final = 5
 """The most namespaces of a node that are keys of their own."""
@@ -186,7 +197,7 @@ def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
 
 def is_parameter_file(document: YamlValue) -> bool:
     """Return True for a file of parameters as ROS has them."""
-    return any(_ros_parameters(document))
+    return any(_ros_parameters(document)) or any(_misspelt_names(document))
 
 
 def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
@@ -200,6 +211,7 @@ def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
     stated = [nodes for name, _, nodes in _named(document) if name == 'nodes']
     own = ((node, parameters) for nodes in stated for node, _, parameters in _named(nodes))
     of_ros = list(_ros_parameters(document))
+    yield from (error for is_node, error in _misspelt_names(document) if not is_node)
     for node, parameters in (*own, *of_ros):
         known = _known_parameters(node)
         for name, key, _ in _named(parameters) if known else ():
@@ -213,6 +225,35 @@ def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
                     _parameter(value, known[name], of_ros=True)
             except ConfigurationError as error:
                 yield error
+
+
+def misspelt_nodes(document: YamlValue) -> Iterator[ConfigurationError]:
+    """Yield the names in a ROS parameter file that resemble nodes of DyKnow: ROS ignores them."""
+    return (error for is_node, error in _misspelt_names(document) if is_node)
+
+
+def warn_of_misspelt_names(path: Path) -> None:
+    """Print the misspelt names in a ROS parameter file as warnings."""
+    with suppress(ConfigurationError):  # ROS refuses the file, or reads more than we do.
+        for _, error in _misspelt_names(read_yaml(path)):
+            print(f'warning: {error}', file=sys.stderr)  # noqa: T201 - of a command
+
+
+def _misspelt_names(value: YamlValue, depth: int = 0) -> Iterator[tuple[bool, ConfigurationError]]:
+    """Yield the misspelt names in a ROS parameter file, each with True for a node."""
+    for name, key, inner in _named(value) if depth < _MAX_DEPTH else ():
+        node = name.rpartition('/')[2]
+        is_known = _ENGINE_NUMBER.sub('', node) in _NODES
+        below = [(each, word) for each, word, given in _named(inner) if given.is_mapping]
+        if any(each == _ROS_KEY for each, _ in below):
+            if not is_known and get_close_matches(node, _NODES, 1, _NODE_SIMILARITY):
+                yield True, key.error(unknown('node', node, _NODES))
+            continue
+        for each, word in below if is_known or node == '**' else ():
+            if get_close_matches(each, (_ROS_KEY,), 1, _KEY_SIMILARITY):
+                yield False, word.error(unknown('key', each, (_ROS_KEY,)))
+        if not is_known and name != 'nodes':
+            yield from _misspelt_names(inner, depth + 1)
 
 
 def _ros_parameters(

@@ -11,6 +11,7 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, robot_processes
 from dyknow_bringup.processes.robot import temporary_folder, with_robot
 from dyknow_common import read_text
+from dyknow_configuration import warn_of_misspelt_names
 
 _NODE: Final = re.compile(
     r"""^(?P<quote>["']?)(?P<name>\w+)(?P=quote):(?=[ \t]*(?:\#[^\n]*)?\n"""
@@ -41,7 +42,8 @@ ROBOT: Final = '<robot>'
 def for_any_namespace(path: Path) -> Path:
     """Return a file of parameters for the nodes in any namespace.
 
-    ROS takes `stream_manager:` for the node in the root namespace, and ignores it for others.
+    ROS takes `stream_manager:` for the node in the root namespace, and ignores it for others. It
+    ignores misspelt names, too, which are warned of.
 
     Args:
         path: the path of a file; where its names have a namespace or a wildcard, they remain.
@@ -50,6 +52,7 @@ def for_any_namespace(path: Path) -> Path:
         text = read_text(path, 'parameters', BringupError)
     except BringupError:
         return path  # Checks of the configuration, or the nodes, say what is wrong with it.
+    warn_of_misspelt_names(path)
     changed = _NODE.sub(r'/**/\g<name>:', text)
     if changed == text:
         return path

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-from dyknow_command.linting.findings import FilePlace, Finding, error_at, robot_error
+from dyknow_command.linting.findings import (
+    FilePlace,
+    Finding,
+    FindingLevel,
+    error_at,
+    robot_error,
+)
 from dyknow_common import (
     DyKnowError,
     InlineText,
@@ -30,6 +36,7 @@ from dyknow_configuration import (
     find_faults,
     formula_lines,
     is_parameter_file,
+    misspelt_nodes,
     parameter_faults,
     read_formulas,
     read_yaml,
@@ -151,6 +158,9 @@ def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
     inputs.texts[str(path)] = document.document.text
     inputs.findings += [robot_error(each, str(path)) for each in parameter_faults(document)]
     if is_parameter_file(document):
+        misspelt = [robot_error(each, str(path)) for each in misspelt_nodes(document)]
+        # Nodes that are not DyKnow's may share the file.
+        inputs.findings += [replace(each, level=FindingLevel.WARNING) for each in misspelt]
         return
     if document.is_list:
         try:
