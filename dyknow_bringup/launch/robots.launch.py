@@ -3,7 +3,8 @@
 ros2 launch dyknow_bringup robots.launch.py robots:=robot1,robot2 streams:='config/<robot>.streams'
 
 Each robot has a system of its own in its namespace. Relative topics in its files are topics of the
-robot: "odom" is /robot1/odom for robot1.
+robot: "base/odom" is /robot1/base/odom for robot1, and "odom" is /robot1/odom in streams,
+annotations and features. In formulas, a name without a slash is the name of a stream.
 """
 
 from dyknow_bringup.processes.arguments import CONFIGURATION, robots

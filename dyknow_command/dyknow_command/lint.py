@@ -100,6 +100,7 @@ def _findings(
     from dyknow_command.linting.topic_checks import (  # noqa: PLC0415
         contents_of,
         name_findings,
+        stream_name_findings,
         topic_findings,
     )
     from dyknow_command.linting.vocabulary_checks import VocabularyChecks  # noqa: PLC0415
@@ -107,6 +108,7 @@ def _findings(
     observed = {each.name: each for each in topics or ()}
     yield from VocabularyChecks(inputs, contents_of(observed)).findings()
     yield from name_findings(inputs, observed)
+    yield from stream_name_findings(inputs)
     if topics is not None:
         yield from topic_findings(inputs, observed, where)
         yield from frame_findings(inputs, observed)

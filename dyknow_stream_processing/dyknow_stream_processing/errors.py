@@ -15,10 +15,12 @@ def unknown_stream(name: str, known: Iterable[str], topic: str = '') -> StreamEr
     Args:
         name: the name of the stream.
         known: the names of the existing streams.
-        topic: the topic that was probably meant.
+        topic: the absolute topic that was probably meant.
     """
     listed = ', '.join(known) or 'none'
     hint = f'; for the topic, write "{topic}"' if topic else ''
+    if topic not in {'', f'/{name}'}:
+        hint += f'; where the namespace varies, make a stream or a feature of "{name}"'
     text = f"there is no stream '{name}' (there are: {listed}){hint}"
     return StreamError(text, ExitCode.NOT_FOUND)
 

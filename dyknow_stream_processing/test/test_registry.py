@@ -67,11 +67,19 @@ def test_an_unknown_stream_is_answered_with_those_there_are(registry: StreamRegi
 
 
 def test_an_unknown_stream_may_be_a_relative_topic() -> None:
-    topics = {'rng': ('/robot1/rng', 'sensor_msgs/msg/Range')}
+    topics = {
+        name: (topic, 'sensor_msgs/msg/Range')
+        for name, topic in (('rng', '/robot1/rng'), ('root', '/root'))
+    }
+    varying = '; where the namespace varies, make a stream or a feature of "rng"'
     known = StreamRegistry(published=topics.get)
     known.add(created('_states_1'))
     place(known, '_states_1', E1)
-    for name, hint in (('rng', '; for the topic, write "/robot1/rng"'), ('nowhere', '')):
+    for name, hint in (
+        ('rng', f'; for the topic, write "/robot1/rng"{varying}'),
+        ('root', '; for the topic, write "/root"'),
+        ('nowhere', ''),
+    ):
         with pytest.raises(StreamError) as e:
             known.topic(name)
         assert str(e.value).endswith(f"there is no stream '{name}' (there are: none){hint}")

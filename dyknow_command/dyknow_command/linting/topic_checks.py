@@ -34,6 +34,7 @@ from dyknow_stream_processing import (
 _PLAIN: Final = re.compile(r'[\w.]+(?:\[-?\d+\][\w.]*)*')
 """A path without conditions and functions, for which later messages may have elements."""
 
+_QUOTED_STREAM: Final = re.compile(r'"([A-Za-z_]\w*)"(?=\.)')
 _OF_ROS: Final = re.compile(r'(/~)?(/[A-Za-z_{][A-Za-z0-9_{}]*)+')
 """The absolute names that topics of ROS may have; nodes know what ~ and {node} stand for."""
 
@@ -72,6 +73,22 @@ def name_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> It
                 '_, and begin with no digit'
             )
             yield error_at(use.place, text)
+
+
+def stream_name_findings(inputs: LintInputs) -> Iterator[Finding]:
+    """Yield names in quotes, as topics have them, that formulas take for streams."""
+    known = {each.input for each in inputs.guards}
+    known |= {each.name for _, each in streams_of(inputs)}
+    known |= {each.stream for _, each in annotations_of(inputs) if not each.is_topic}
+    for formula in inputs.formulas:
+        for found in _QUOTED_STREAM.finditer(formula.requested.text):
+            if found[1] not in known:
+                text = (
+                    f'{found[0]} is the stream {found[1]}, as it has no slash; for the topic, '
+                    f'write its absolute name, or make a stream or a feature of {found[0]}; '
+                    'streams need no quotes'
+                )
+                yield warning_at(formula.place(found.start()), text)
 
 
 def topic_findings(
