@@ -13,7 +13,7 @@ from dyknow_interfaces import srv
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray, ExitStatus
 from std_msgs.msg import Float64
 
-from commands import command, dyknow_up, output_beside
+from commands import command, dyknow_up, output_beside, output_of
 from dyknow_common.ros import LATCHED
 from services import assert_refused
 from system import Client, private_environment
@@ -41,6 +41,19 @@ def output(client: Client, line: list[str], environment: dict[str, str]) -> str:
     done = output_beside(client, line, environment)
     assert done.returncode == 0, done.stdout
     return done.stdout
+
+
+def test_the_example_without_a_publisher() -> None:
+    environment = private_environment()
+    program = EXAMPLE.read_text(encoding='utf-8').replace('timeout=30.0, wait', 'timeout=1.0, wait')
+    assert 'timeout=1.0' in program
+    with dyknow_up(environment):
+        done = output_of(['python3', '-c', program], environment)
+    assert done.returncode == 1
+    assert 'Traceback' not in done.stderr
+    message = done.stderr.splitlines()[-1]
+    assert message.startswith('name_a_feature: ')
+    assert '/boat1/draught' in message
 
 
 @pytest.mark.timeout(300)

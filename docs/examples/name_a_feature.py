@@ -1,10 +1,18 @@
-"""Create a sort, an object and a feature, annotate a topic, and evaluate a formula over them."""
+"""Create a sort, an object and a feature, annotate a topic, and evaluate a formula over them.
+
+It needs `dyknow up`, and a publisher of the topic:
+
+ros2 topic pub -r 10 /boat1/draught std_msgs/msg/Float64 '{data: 120.0}'
+"""
+
+import sys
 
 import rclpy
 from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.srv import AddSemanticSpecification, ConceptCreate, InstanceCreate
 from rclpy.node import Node
 
+from dyknow_common import DyKnowError
 from dyknow_coordinator.ros import FormulaClient
 
 FORMULA = 'forall b in Boat: always[0 s, 1 s] Draught[b] < 2.5'
@@ -59,4 +67,7 @@ def main():
 
 
 if __name__ == '__main__':
-    main()
+    try:
+        main()
+    except (DyKnowError, RuntimeError) as error:
+        sys.exit(f'name_a_feature: {error}')
