@@ -37,7 +37,12 @@ from dyknow_configuration import (
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
-from dyknow_recordings.reading.recording import MISSING, RecordingReader, lost_runs
+from dyknow_recordings.reading.recording import (
+    MISSING,
+    RecordingReader,
+    lost_runs,
+    unchecked_delay,
+)
 
 MAX_MEASURED: Final = 20_000_000
 """The number of messages of a topic that are measured: 16 bytes each."""
@@ -233,8 +238,10 @@ def broken(
     """Yield the expectations that observed topics of a recording break, in their order."""
     observed = {each.name: each for each in topics}
     contents = recording.contents
-    for each in expectations:
-        content = contents.get(each.topic)
+    for stated in expectations:
+        each, content = stated, contents.get(stated.topic)
+        if _is_unchecked(stated, recording):
+            each = replace(stated, constraints=replace(stated.constraints, max_delay=None))
         if content is None or not content.count:
             reason = 'it is not recorded' if content is None else 'it has no message'
             yield BrokenExpectation(each.topic, 'topic', reason)
@@ -251,6 +258,17 @@ def broken(
         if each.stamped and not content.has_stamp:
             yield BrokenExpectation(each.topic, 'stamped', f'{content.message_type} has no stamp')
         yield from _Check(each, topic.times, recording.start_time).broken(content.has_stamp)
+
+
+def unchecked(
+    recording: RecordingReader, expectations: Iterable[TopicExpectation]
+) -> Iterator[str]:
+    """Yield a note for each expectation with a `max_delay` that cannot be checked."""
+    return (unchecked_delay(each.topic) for each in expectations if _is_unchecked(each, recording))
+
+
+def _is_unchecked(expected: TopicExpectation, recording: RecordingReader) -> bool:
+    return expected.constraints.max_delay is not None and expected.topic in recording.other_clock
 
 
 class _Check:
@@ -362,7 +380,7 @@ class TopicHealth:
         topic: its name.
         message_type: such as `nav_msgs/msg/Odometry`.
         messages: their number.
-        timing: None if no message can be read.
+        timing: None if no message can be read; without delays if the stamps are of another clock.
         gap: the longest time between two valid times, or without a message at the begin or end.
         gap_begin: the log time of the message before it, or the start of the recording.
         gap_end: the log time of the message after it, or the end of the recording.
@@ -434,7 +452,7 @@ def health_of(
         recording.end_time,
         tuple(replace(found[name], **each) for name, each in _offsets(topics, contents)),
         tuple(broken(expectations, topics, recording)),
-        (*map(str, recording.faults), *more),
+        (*map(str, recording.faults), *more, *unchecked(recording, expectations)),
     )
 
 
@@ -458,9 +476,10 @@ def _topic_health(
     gaps = gaps_of(times, recording.start_time)
     row = int(gaps.lengths.argmax())
     unset = times.unset if content.has_stamp else None
+    timing = timing_of(times)
     return replace(
         health,
-        timing=timing_of(times),
+        timing=replace(timing, delays=None) if topic.name in recording.other_clock else timing,
         gap=int(gaps.lengths[row]),
         gap_begin=int(gaps.begins[row]),
         gap_end=int(gaps.ends[row]),

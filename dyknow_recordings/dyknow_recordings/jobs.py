@@ -26,7 +26,7 @@ from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.recorded_map import recorded_map
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
-from dyknow_recordings.health import broken_in
+from dyknow_recordings.health import broken_in, unchecked
 from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import BEGINNING
@@ -119,7 +119,9 @@ class RecordingJob:
                 probabilities=self.probabilities,
                 retries=self.retries,
             )
-            report = replace(report, broken=broken_in(recording, self.expectations))
+            notes = dict.fromkeys((*report.notes, *unchecked(recording, self.expectations)))
+            broken = broken_in(recording, self.expectations)
+            report = replace(report, broken=broken, notes=tuple(notes))
             if self.map.frame:
                 failures = [each.failure for each in report.formulas]
                 moments = [each.decided_at for each in failures if each and each.decided_at]

@@ -173,13 +173,13 @@ class RecordingEvaluation:
             files.streams,
             recording.fault_of,
             absent_is_unknown=files.missing_is_unknown,
+            other_clock=recording.other_clock,
         )
         self._pending: list[StateGroup] = []
         self._requests = self._ground_all(formulas, files)
         inputs = [each.grounded.inputs for each in self._requests if each.grounded]
         sources = dict.fromkeys(source for each in inputs for source in each.candidates.found)
-        unknown = frozenset(chain.from_iterable(each.unknown for each in inputs))
-        self._fields = self._streams.prepare(sources, unknown)
+        self._fields = self._streams.prepare(sources, {x for each in inputs for x in each.unknown})
         self._columns = ColumnStates(self._streams, recording.start_time, self._files.silence_limit)
         self._next_look = max(recording.start_time, start.begin)
         self._group_numbers = count(1)

@@ -35,7 +35,7 @@ from dyknow_coordinator import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.recording import END, RecordedFields, rows_of
+from dyknow_recordings.reading.recording import END, RecordedFields, rows_of, unchecked_delay
 from dyknow_recordings.reading.trace_recording import TRACE_TOPIC, TRACE_TYPE
 from dyknow_stream_processing import (
     ALL,
@@ -84,6 +84,7 @@ class RecordedStreams:
         fault_of: returns a fault of the messages of a topic; empty if there is none.
         absent_is_unknown: True to take the fields that a message lacks for NaN.
         any_delay: True to take messages however far their stamps are from the clock.
+        other_clock: the topics whose stamps are of another clock than the log times.
 
     Raises:
         StreamError: naming a file that cannot be read or parsed.
@@ -97,9 +98,11 @@ class RecordedStreams:
         *,
         absent_is_unknown: bool = False,
         any_delay: bool = False,
+        other_clock: AbstractSet[str] = frozenset(),
     ) -> None:
         self._topics = topics
         self._fault_of, self._absent_is_unknown = fault_of, absent_is_unknown
+        self._other_clock, self._unchecked = other_clock, set[str]()
         self._units = load_units()
         self._new_dataflow = partial(
             Dataflow.of_any_time if any_delay else Dataflow, self._units, self._source_type
@@ -128,7 +131,8 @@ class RecordedStreams:
             f"topic '{topic}' leaves stamps at zero: the time of recording is used"
             for topic in sorted(self._unstamped)
         )
-        return (*faults, *zero, *self.dataflow.warnings())
+        unchecked = map(unchecked_delay, sorted(self._unchecked))
+        return (*faults, *zero, *unchecked, *self.dataflow.warnings())
 
     async def fields(self, name: str) -> tuple[str, ...]:
         """Return the fields of the stream with a name.
@@ -229,6 +233,9 @@ class RecordedStreams:
         for each in sorted(streams - {*self.dataflow.names()}):
             raise unknown_stream(each, self.running(self._requested))
         self.dataflow.create(name, parsed, constraints, on_sample, on_violation)
+        stated = (each.constraints for each in subterms(self.dataflow.term(name)))
+        if any(each.max_delay is not None and not each.reorder for each in stated):
+            self._unchecked |= self._other_clock & self.topics(name)
         self._connect()
 
     def keep(self, names: Collection[str]) -> None:
@@ -263,7 +270,8 @@ class RecordedStreams:
     def reorders(self, name: str) -> bool:
         """Return True if a `max_delay` puts messages in order that a stream is made of."""
         parts = subterms(self.dataflow.term(name))
-        return any(each.constraints.max_delay is not None for each in parts)
+        is_stated = any(each.constraints.max_delay is not None for each in parts)
+        return is_stated and self._other_clock.isdisjoint(self.topics(name))
 
     def is_regular(self, name: str) -> bool:
         """Return True if a constraint bounds the distance of samples that a stream is made of."""
@@ -429,8 +437,9 @@ class RecordedStreams:
         is_ordered = content.publishers == 1 and content.message_type != SAMPLE_TYPE
         is_sent = content.has_sent_times
         is_received = not (content.has_stamp or is_sent)
+        is_other = self.absolute(topic) in self._other_clock
         return SourceType(
-            content.fields, is_received, is_ordered, sent_time=is_sent, is_kept=content.is_kept
+            content.fields, is_received, is_ordered, is_sent, content.is_kept, is_other
         )
 
     def _make(self, names: Sequence[str]) -> None:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -23,6 +24,7 @@ from dyknow_common import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
+from dyknow_stream_processing import OTHER_CLOCK_NS
 
 BEGINNING: Final = -(1 << 63)
 """A time before all others, in nanoseconds."""
@@ -47,6 +49,9 @@ MISSING: Final = 'a message is missing by the sequence numbers'
 
 MAX_TIME: Final = 2**63
 """All times in nanoseconds are below."""
+
+_TF_TYPE: Final = 'tf2_msgs/msg/TFMessage'
+"""Its messages have no stamp, but their transforms do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +291,14 @@ class RecordingSpan:
     repeated: Mapping[str, int] = field(default_factory=dict)
 
 
+def unchecked_delay(topic: str) -> str:
+    """Return the note that no `max_delay` is checked of a topic; see `other_clock`."""
+    return (
+        f"topic '{topic}': max_delay is not checked, as the stamps are of another clock than the "
+        'log times; record a simulation with: ros2 bag record --use-sim-time'
+    )
+
+
 class RecordingReader(ABC):
     """A recording on disk, opened for reading; a context manager that closes it.
 
@@ -365,6 +378,30 @@ class RecordingReader(ABC):
             RecordingError: for a recording without messages.
         """
         return self._span()[1]
+
+    @cached_property
+    def other_clock(self) -> frozenset[str]:
+        """The topics whose stamps are of another clock than the log times, as in a simulation.
+
+        The stamps of one topic may be wrong, if those of others are not: then none is of another
+        clock. Only the first batch is read.
+        """
+        stamped = {
+            name: each
+            for name, each in self.contents.items()
+            if each.fields is not None and (each.has_stamp or each.message_type == _TF_TYPE)
+        }
+        found = {name: () for name, each in stamped.items() if each.has_stamp and not each.is_kept}
+        delays, reading = np.array([], np.int64), self._reading
+        try:
+            for part in next(batches(self.columns(found)), ()) if found else ():
+                if part.stamps is not None:
+                    is_set = part.stamps != 0
+                    delays = np.append(delays, (part.log_times - part.stamps)[is_set])
+        finally:
+            self._reading = reading
+        is_other = len(delays) and (delays > OTHER_CLOCK_NS).all()
+        return frozenset(stamped if is_other else ())
 
     def fields(self, topic: str) -> Mapping[str, ValueType]:
         """Return the paths of the single values in the messages of a topic, with their types.

@@ -182,7 +182,10 @@ def _remarks(topic: TopicHealth) -> Iterator[str]:
             'out of order': topic.timing.disorders,
             'missing by the sequence numbers': topic.missing,
         }
-        yield from ('no stamp',) if topic.unstamped is None else ()
+        if topic.unstamped is None:
+            yield 'no stamp'
+        elif topic.timing.delays is None:
+            yield 'stamps of another clock'
         yield from (f'{number} {text}' for text, number in numbers.items() if number)
     yield from topic.faults
     if topic.offset is not None and topic.offset_spread is not None:

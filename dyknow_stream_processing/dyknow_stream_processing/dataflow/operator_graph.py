@@ -54,6 +54,7 @@ from dyknow_stream_processing.language.specification import (
     StreamReference,
     Sync,
     Term,
+    references,
 )
 from dyknow_stream_processing.language.type_rules import Unit
 
@@ -191,6 +192,8 @@ class OperatorGraph:
         arrival = arrival.within(demands)
         if isinstance(term, BuiltInSource) and term.kind is BuiltIn.RATE:
             demands = replace(demands, max_delay=None)  # It is the topic's.
+        elif not arrival.reorder and self._has_other_clock(term):
+            demands = replace(demands, max_delay=None)  # No delay follows from the stamps.
         is_delayed, is_regular = demands.max_delay is not None, demands.longest_distance is not None
         is_sorted = is_delayed or (may_be_late and not is_regular)
         operator = self._bare(term, may_be_late=is_sorted, arrival=arrival)
@@ -244,6 +247,9 @@ class OperatorGraph:
                 details = (self._units[term.unit], term.declaration, term.arguments)
                 return self._operator(UnitOperator, label, inputs, *details)
 
+    def _has_other_clock(self, term: Term) -> bool:
+        return any(self._source_type(each.name).other_clock for each in references(term))
+
     def _topic(
         self, name: str, label: str, *, may_be_late: bool, arrival: _ArrivalChecks
     ) -> Operator:
@@ -279,7 +285,11 @@ class OperatorGraph:
         if term.kind is BuiltIn.RATE:
             # The clock must be able to say that no message has come.
             delay = term.constraints.max_delay or self._delays.stamped
-            delayed = replace(topic, constraints=StreamConstraints(max_delay=delay))
+            # Nothing but a delay tells when a window is complete, also if it is not known.
+            constraints = StreamConstraints(
+                max_delay=delay, reorder=True if self._has_other_clock(topic) else None
+            )
+            delayed = replace(topic, constraints=constraints)
             source = self._constrained(delayed, may_be_late=False, arrival=arrival)
             return self._operator(RateOperator, label, [source], term.window)
         if term.kind is BuiltIn.ACTION:

@@ -84,6 +84,8 @@ class SourceType:
         has_ordered_stamps: True if its messages are stamped in order, as one publisher does.
         sent_time: True if the valid time of a sample is the time at which it was sent.
         is_kept: True if its publishers keep messages for late subscribers.
+        other_clock: True if the stamps are of another clock than the times of receipt: no
+            `max_delay` applies.
     """
 
     fields: Mapping[str, ValueType] | None
@@ -91,6 +93,7 @@ class SourceType:
     has_ordered_stamps: bool = False
     sent_time: bool = False
     is_kept: bool = False
+    other_clock: bool = False
 
 
 class DelayLimits(NamedTuple):

@@ -1,0 +1,99 @@
+"""Recordings of a simulation: the log times are those of another clock than the stamps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from running_checks import run_check
+from small_bags import START, STORE, header, write_messages
+
+MS, S = 1_000_000, 1_000_000_000
+POINT = 'geometry_msgs/msg/PointStamped'
+SIMULATED = 100 * S
+
+CONFIGURATION = """
+features:
+  X: {from: {topic: /a, field: point.x, max_gap: 300 ms, max_delay: 200 ms%s}}
+formulas: [{name: low, formula: always X < 5}]
+topics: {/a: {min_rate: 9 Hz, max_delay: 100 ms}}
+"""
+
+
+def written(folder: Path, values: list[float], *, clocks: dict[str, int]) -> Path:
+    """A bag of points, 10 ms after their stamps by the clock of each topic."""
+    types, messages = STORE.types, []
+    for number, value in enumerate(values):
+        for topic, clock in clocks.items():
+            point = types['geometry_msgs/msg/Point'](value, 0.0, 0.0)
+            stamped = types[POINT](header(clock + number * 100 * MS, ''), point)
+            messages.append((START + (number * 100 + 10) * MS, topic, stamped))
+    write_messages(folder / 'bag', messages)
+    return folder / 'bag'
+
+
+def configured(folder: Path, more: str = '') -> Path:
+    file = folder / 'robot.yaml'
+    file.write_text(CONFIGURATION % more)
+    return file
+
+
+@pytest.mark.parametrize(('worst', 'code'), [(4.0, 0), (6.0, 1)])
+def test_no_delay_follows_from_stamps_of_another_clock(
+    tmp_path: Path, worst: float, code: int
+) -> None:
+    """The configuration of the live robot applies; a note says what is not checked."""
+    bag = written(tmp_path, [1.0] * 20 + [worst, 1.0], clocks={'/a': SIMULATED})
+    found = run_check(bag, '--config', str(configured(tmp_path)), '--json')
+    assert found.code == code, found
+    document = json.loads(found.out)
+    assert document['broken_expectations'] == []
+    (note,) = document['notes']
+    assert note == (
+        "topic '/a': max_delay is not checked, as the stamps are of another clock than the log "
+        'times; record a simulation with: ros2 bag record --use-sim-time'
+    )
+    assert run_check(bag, '--config', str(configured(tmp_path)), '--strict').code == 2
+
+
+def test_gaps_are_still_checked(tmp_path: Path) -> None:
+    bag = written(tmp_path, [1.0] * 20, clocks={'/a': SIMULATED})
+    found = run_check(bag, '--formula', 'always "/a".point.x < 5')
+    assert found.code == 0, found
+    file = configured(tmp_path)
+    file.write_text(file.read_text().replace('300 ms', '50 ms'))
+    found = run_check(bag, '--config', str(file))
+    assert found.code == 2
+    assert 'max_gap is 50 ms' in ' '.join(found.out.replace('│', ' ').split())
+
+
+def test_a_single_wrong_clock_is_a_violation(tmp_path: Path) -> None:
+    """The clock of one sender is wrong: then it is to be set."""
+    bag = written(tmp_path, [1.0] * 20, clocks={'/a': SIMULATED, '/b': START})
+    found = run_check(bag, '--config', str(configured(tmp_path)), '--json')
+    document = json.loads(found.out)
+    assert found.code == 2
+    assert document['notes'] == []
+    (expectation,) = document['broken_expectations']
+    assert expectation['message'].startswith('20 messages late by up to ')
+    error = document['formulas'][0]['error']['message']
+    assert 'is stamped 1699999900 s before its receipt, as by another clock;' in error
+
+
+def test_order_needs_a_delay(tmp_path: Path) -> None:
+    bag = written(tmp_path, [1.0] * 20, clocks={'/a': SIMULATED})
+    found = run_check(bag, '--config', str(configured(tmp_path, ', reorder: true')), '--json')
+    assert found.code == 2
+    error = json.loads(found.out)['formulas'][0]['error']['message']
+    assert 'record a simulation with: ros2 bag record --use-sim-time' in error
+
+
+def test_health(tmp_path: Path) -> None:
+    bag = written(tmp_path, [1.0] * 20, clocks={'/a': SIMULATED})
+    found = run_check(bag, '--config', str(configured(tmp_path)), '--health')
+    assert found.code == 0, found
+    assert '1699999900' not in found.out + found.err
+    assert "topic '/a': max_delay is not checked" in found.err
+    found = run_check(bag, '--health', '--json')
+    assert json.loads(found.out)['health'][0]['timing']['delays_ns'] is None
