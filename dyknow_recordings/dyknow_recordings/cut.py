@@ -46,6 +46,7 @@ from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader, RecordingSpan
 from dyknow_recordings.reporting.outputs import print_notes
+from dyknow_recordings.reporting.pictures.timeline import extent
 
 MAX_REACH_NS: Final = 60 * SECOND_NS
 """From this age on, a value without a stamp is repeated at the begin of a span."""
@@ -90,6 +91,7 @@ def failures_of(
     report: RecordingReport, requested: Sequence[RequestedFormula]
 ) -> Iterator[RecordedFailure]:
     """Yield the failures of formulas: false episodes, unmet obligations, violations."""
+    has_one_clock = extent(report).origin == report.start_time
     for formula, asked in zip(report.formulas, requested, strict=True):
         if not (formula.episodes or formula.violations):
             continue  # Perhaps the text is no formula.
@@ -105,7 +107,7 @@ def failures_of(
                 continue
             if not is_local or first is None:
                 first = _START
-            elif not is_standing:
+            elif not is_standing and (last is not None or has_one_clock):
                 first = max(first, (report.end_time if last is None else last) - reach)
             if last is None:
                 yield RecordedFailure(
@@ -269,15 +271,16 @@ def cut_recording(options: argparse.Namespace) -> int:
         return SUCCESS
     job = _job(options)
     report = _checked(job)
+    origin = extent(report).origin
     errors = [each for each in report.formulas if each.error and not each.violations]
     notes = (f"'{each.name}' has an error: {each.error}" for each in errors)
-    print_notes(str(path), (with_readable_times(each, report.start_time) for each in notes))
+    print_notes(str(path), (with_readable_times(each, origin) for each in notes))
     failures = list(failures_of(report, job.formulas))
     if not failures:
         sys.stdout.write(f'{path}: no formula fails, so nothing is cut\n')
         return ERROR if errors else FALSE
-    paths = _cut(options, folder, failures, report.topics)
-    return SUCCESS if _shows(job, paths, failures, report.start_time) else ERROR
+    paths = _cut(options, folder, failures, report.topics, origin)
+    return SUCCESS if _shows(job, paths, failures, origin) else ERROR
 
 
 def _cut(
@@ -285,11 +288,15 @@ def _cut(
     folder: Path,
     failures: Sequence[RecordedFailure] = (),
     topics: Sequence[str] = (),
+    origin: int | None = None,
 ) -> Sequence[Path]:
-    """Write the parts around failures of formulas that read some topics; return their paths."""
+    """Write the parts around failures of formulas that read some topics; return their paths.
+
+    Times of states are shown since the origin, as by a check.
+    """
     with open_recording(options.recording, message_types(options)) as recording:
         spans = _spans(recording, failures, topics, options)
-        paths = _write(recording, spans, folder, topics)
+        paths = _write(recording, spans, folder, topics, origin)
         notes = map(str, (*recording.faults, *_type_notes(recording)))
         readable = (with_readable_times(each, recording.start_time) for each in notes)
         print_notes(str(recording.path), readable)
@@ -344,6 +351,7 @@ def _write(
     spans: Sequence[RecordingSpan],
     folder: Path,
     topics: Sequence[str],
+    origin: int | None,
 ) -> Sequence[Path]:
     start, paths = recording.start_time, []
     try:
@@ -352,7 +360,7 @@ def _write(
         for span, (path, count) in zip(spans, written, strict=True):
             paths.append(path)
             times = f'{round_time(span.begin - start)} to {round_time(span.end - start)}'
-            reasons = with_readable_times('; '.join(_reasons(span)), start)
+            reasons = with_readable_times('; '.join(_reasons(span)), origin)
             sys.stdout.write(f'{path}: {times}, {count} messages: {reasons}\n')
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
 import pytest
 from running_checks import run_check
 from small_bags import START, STORE, header, write_messages
+
+from dyknow_recordings.cut import add_cut_options
 
 MS, S = 1_000_000, 1_000_000_000
 POINT = 'geometry_msgs/msg/PointStamped'
@@ -97,3 +100,25 @@ def test_health(tmp_path: Path) -> None:
     assert "topic '/a': max_delay is not checked" in found.err
     found = run_check(bag, '--health', '--json')
     assert json.loads(found.out)['health'][0]['timing']['delays_ns'] is None
+
+
+@pytest.mark.parametrize(
+    ('formula', 'span', 'reason'),
+    [
+        ('always "/a".point.x < 5', '3.900 s to 6.000 s', 'is false at 5.000 s'),
+        ('eventually[0 s, 20 s] "/a".point.x > 9', '0.000 s to 7.000 s', 'is not met'),
+    ],
+)
+def test_cut_shows_the_times_of_a_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], formula: str, span: str, reason: str
+) -> None:
+    """The span and the failure count from the start; the part shows the failure."""
+    bag = written(tmp_path, [1.0] * 50 + [6.0] + [1.0] * 20, clocks={'/a': SIMULATED})
+    parser = argparse.ArgumentParser()
+    add_cut_options(parser)
+    words = (bag, '--formula', formula, '--before', '1', '--after', '1')
+    options = parser.parse_args(map(str, (*words, '-o', tmp_path / 'parts')))
+    assert options.command(options) == 0
+    shown = capsys.readouterr().out
+    assert f': {span}, ' in shown
+    assert shown.endswith(f"' {reason}\n")
