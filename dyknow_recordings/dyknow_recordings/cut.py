@@ -44,7 +44,7 @@ from dyknow_recordings.health import MAX_MEASURED, observed_topics
 from dyknow_recordings.jobs import RecordingJob
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.opening import message_types, open_recording
-from dyknow_recordings.reading.recording import RecordingReader, RecordingSpan
+from dyknow_recordings.reading.recording import RecordingReader, RecordingSpan, messages_text
 from dyknow_recordings.reporting.outputs import print_notes
 from dyknow_recordings.reporting.pictures.timeline import extent
 
@@ -361,7 +361,7 @@ def _write(
             paths.append(path)
             times = f'{round_time(span.begin - start)} to {round_time(span.end - start)}'
             reasons = with_readable_times('; '.join(_reasons(span)), origin)
-            sys.stdout.write(f'{path}: {times}, {count} messages: {reasons}\n')
+            sys.stdout.write(f'{path}: {times}, {messages_text(count)}: {reasons}\n')
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise RecordingError(f'cannot write to {folder}: {error.strerror}') from None

@@ -41,6 +41,7 @@ from dyknow_recordings.reading.recording import (
     MISSING,
     RecordingReader,
     lost_runs,
+    messages_text,
     unchecked_delay,
 )
 
@@ -290,7 +291,7 @@ class _Check:
         unset = self._times.unset
         if self._expected.stamped and has_stamp and unset is not None:
             for begin, end, rows in self._runs(unset):
-                text = f'{_messages(rows)} without a stamp {self._place(begin, end)}'
+                text = f'{messages_text(len(rows))} without a stamp {self._place(begin, end)}'
                 yield self._found('stamped', text, begin, end)
         yield from self._broken_gaps()
         yield from self._broken_rates()
@@ -339,7 +340,7 @@ class _Check:
             return
         for begin, end, rows in self._runs(delays > allowed):
             worst = round_duration(int(delays[rows].max()), allowed)
-            text = f'{_messages(rows)} {kind} by up to {worst} {self._place(begin, end)}'
+            text = f'{messages_text(len(rows))} {kind} by up to {worst} {self._place(begin, end)}'
             yield self._found(rule, f'{text}, {self._bound(rule)}', begin, end)
 
     def _runs(self, rows: NDArray[np.bool_]) -> Iterator[tuple[int, int, NDArray[np.int64]]]:
@@ -366,10 +367,6 @@ def _windows(start: int, end: int, rate: float) -> NDArray[np.int64]:
     length = max(least, (end - start) // _MAX_WINDOWS)
     edges = range(start, end, length)[: max(1, (end - start) // length)]
     return np.array([*edges, end + 1] if edges else [start, end + 1], np.int64)
-
-
-def _messages(rows: NDArray[np.int64]) -> str:
-    return f'{len(rows)} message{"s" * (len(rows) > 1)}'
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,9 @@
 import os
 import shutil
+import sqlite3
+import struct
 from collections import defaultdict
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ from small_bags import (
     Message,
     channel,
     chunk,
+    database,
     index,
     mcap,
     message,
@@ -151,6 +155,13 @@ def test_a_split_bag(tmp_path: Path, storage: str) -> None:
     with Bag(folder) as bag:
         assert reasons(bag) == [f'the file {names[1]} is missing']
         assert len(list(bag.messages())) == 200
+    (folder / 'metadata.yaml').unlink()
+    (folder / names[2]).rename(folder / names[1])
+    with Bag(folder) as bag:
+        assert reasons(bag) == [
+            'metadata.yaml is missing: the bag is read without it',
+            f'files after {names[1]} may be missing: metadata.yaml would name them',
+        ]
 
 
 @pytest.mark.parametrize('metadata', [None, '', '{', 'a: 3', 'rosbag2_bagfile_information: []'])
@@ -219,6 +230,28 @@ def test_topics_that_nobody_uses_are_not_read(tmp_path: Path) -> None:
         (fault,) = bag.faults
     assert fault.reason == 'a chunk is damaged: its messages are lost'
     assert fault.place.startswith(f'{file}, byte ')
+
+
+def test_messages_without_a_topic(tmp_path: Path) -> None:
+    path = tmp_path / 'a.db3'
+    database(path, [(time, number(1)) for time in range(3)], 'uint8 x')
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute('UPDATE messages SET topic_id = NULL WHERE timestamp = 1')
+    with Bag(path) as bag:
+        (fault,) = bag.faults
+        assert len(list(bag.messages())) == 2
+    reason = 'a message has no number for its topic or time'
+    assert str(fault) == f'{path}: the database is damaged: {reason}'
+
+
+def test_messages_of_a_chunk_are_counted(tmp_path: Path) -> None:
+    whole = chunk([stored(1, time, number(1)) for time in range(5)], (0, 4), checksum=False)
+    short = whole[:9] + struct.pack('<QQQ', 0, 4, len(whole)) + whole[33:]
+    with Bag(write_mcap(tmp_path, NUMBER, short, index(1, 9))) as bag:
+        assert len(list(bag.messages())) == 5
+        (fault,) = bag.faults
+    reason = 'a chunk is incomplete: some of its messages are lost (4 messages)'
+    assert str(fault).endswith(f': {reason}')
 
 
 def test_a_topic_that_changes_its_type(tmp_path: Path) -> None:

@@ -143,14 +143,21 @@ class RecordingFault:
         place: a file, a byte in a file, or a topic.
         reason: such as `the file ends within a record`.
         count: how often the fault was found; for messages that were lost, their number.
+        unit: what is counted.
     """
 
     place: str
     reason: str
     count: int
+    unit: str = 'times'
 
     def __str__(self) -> str:
-        return f'{self.place}: {self.reason}' + f' ({self.count} times)' * (self.count > 1)
+        return f'{self.place}: {self.reason}' + f' ({self.count} {self.unit})' * (self.count > 1)
+
+
+def messages_text(count: int) -> str:
+    """Return a number of messages, for people."""
+    return f'{count} message{"s" * (count != 1)}'
 
 
 class FaultCounter:
@@ -161,6 +168,7 @@ class FaultCounter:
         """The messages that are lost by these faults."""
         self._counts: Counter[tuple[str, str]] = Counter()
         self._details: dict[tuple[str, str], str] = {}
+        self._units: dict[tuple[str, str], str] = {}
 
     def add(self, place: str, reason: str, count: int = 1, detail: str = '') -> None:
         """Count a fault.
@@ -184,9 +192,11 @@ class FaultCounter:
         first: int = BEGINNING,
         last: int = END,
         detail: str = '',
+        unit: str = 'times',
     ) -> None:
-        """Count a fault by which messages are lost; see `add` and `LostMessages`."""
+        """Count a fault by which messages are lost; see `add`, `RecordingFault`, `LostMessages`."""
         self.add(place, reason, count, detail)
+        self._units[place, reason] = unit
         self._note(topics, first, last, f'{place}: {reason}')
 
     def _note(self, topics: Collection[str] | None, first: int, last: int, reason: str) -> None:
@@ -235,7 +245,7 @@ class FaultCounter:
             more_is_damage: True if damage may have made a message of what was something else.
         """
         name = 'the file' if topics is None else f"topic '{min(topics)}'"
-        reason = f'{name} has {found} messages, not {stated} as in the {source}'
+        reason = f'{name} has {messages_text(found)}, not {stated} as in the {source}'
         if stated > found or more_is_damage:
             self.lose(place, reason, topics=topics)
         else:
@@ -245,8 +255,10 @@ class FaultCounter:
     def faults(self) -> tuple[RecordingFault, ...]:
         """The faults."""
         return tuple(
-            RecordingFault(place, f'{reason}{self._details[place, reason]}', count)
-            for (place, reason), count in self._counts.items()
+            RecordingFault(
+                key[0], f'{key[1]}{self._details[key]}', count, self._units.get(key, 'times')
+            )
+            for key, count in self._counts.items()
         )
 
 

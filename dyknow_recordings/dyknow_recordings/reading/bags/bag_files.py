@@ -155,10 +155,10 @@ def _paths(folder: Path, faults: FaultCounter) -> tuple[list[Path], BagMetadata]
         raise RecordingError(
             f'{folder}: the files of the bag are missing: {names}', ExitCode.NOT_FOUND
         )
-    return named or _numbered(folder, present), metadata
+    return named or _numbered(folder, present, faults), metadata
 
 
-def _numbered(folder: Path, present: Sequence[Path]) -> list[Path]:
+def _numbered(folder: Path, present: Sequence[Path], faults: FaultCounter) -> list[Path]:
     """Return the parts of a bag in the order of their numbers, and the first of each hole."""
     matches = [_PART.fullmatch(each.name) for each in present]
     parts = sorted((int(match[2]), match.string) for match in matches if match)
@@ -171,6 +171,11 @@ def _numbered(folder: Path, present: Sequence[Path]) -> list[Path]:
                 paths.append(folder / f'{name[0]}_{expected}{name[1]}')
             paths.append(folder / file)
             expected = number + 1
+        if expected > 1:
+            last = shortened(parts[-1][1])
+            faults.add(
+                str(folder), f'files after {last} may be missing: {METADATA} would name them'
+            )
         return paths
     if len(present) > 1:
         listed = shortened(', '.join(each.name for each in present))

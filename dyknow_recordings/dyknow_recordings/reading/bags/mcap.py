@@ -50,7 +50,13 @@ from dyknow_recordings.reading.messages.stored_messages import (
     StoredBlock,
     StoredMessages,
 )
-from dyknow_recordings.reading.recording import BEGINNING, MAX_TIME, FaultCounter, count_steps_back
+from dyknow_recordings.reading.recording import (
+    BEGINNING,
+    MAX_TIME,
+    FaultCounter,
+    count_steps_back,
+    messages_text,
+)
 
 _LARGEST_BLOCK: Final = 1 << 22
 _FORGOTTEN_BYTES: Final = 1 << 26
@@ -388,7 +394,7 @@ class McapFile:
         if content.fault:
             self._lose(chunk, content.fault, times.tolist())
         elif len(times) != stated:
-            text = f'holds {len(times)} messages, not {stated} as in its index'
+            text = f'holds {messages_text(len(times))}, not {stated} as in its index'
             self._lose(chunk, text, (), count=1)
         elif not is_whole:
             self._lose(chunk, 'ends within a record: the rest of it is lost', times.tolist())
@@ -412,7 +418,8 @@ class McapFile:
         count = count or max(chunk.counts.total() - len(times), 1)
         topics, last = self._topics_of(chunk), max(chunk.stop, *times, first)
         reason = f'a chunk {reason}'
-        self.faults.lose(self._place(chunk), reason, count, topics=topics, first=first, last=last)
+        place, unit = self._place(chunk), 'messages'
+        self.faults.lose(place, reason, count, topics=topics, first=first, last=last, unit=unit)
 
     def _place(self, chunk: _Chunk) -> str:
         return f'{self._name}, byte {chunk.begin - RECORD.size}'

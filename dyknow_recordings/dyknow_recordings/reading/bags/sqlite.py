@@ -174,7 +174,12 @@ class SqliteFile:
                 self.faults.miscounted(self._name, None, len(found), indexed, 'index of the times')
         except (*_ERRORS, TypeError, ValueError) as error:
             self._is_damaged = True
-            reason = f'the database is damaged: {error}'
+            why = (
+                error
+                if isinstance(error, _ERRORS)
+                else 'a message has no number for its topic or time'
+            )
+            reason = f'the database is damaged: {why}'
             found, first = self._readable_messages()
             if first is None:
                 self.faults.add(self._name, reason)
