@@ -91,9 +91,11 @@ def header(time: int, frame: str) -> Any:
     return STORE.types['std_msgs/msg/Header'](stamp, frame)
 
 
-def write_messages(path: Path, timed: Iterable[tuple[int, str, Any]], store: Any = STORE) -> None:
+def write_messages(
+    path: Path, timed: Iterable[tuple[int, str, Any]], store: Any = STORE, storage: str = 'mcap'
+) -> None:
     """Write a bag of messages, each with its time and topic."""
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         topics: dict[str, Any] = {}
         for time, topic, each in timed:
             kind = each.__msgtype__

@@ -8,8 +8,19 @@ from pathlib import Path
 
 import pytest
 from running_checks import run_check
-from small_bags import START, STORE, header, write_messages
+from small_bags import (
+    START,
+    STORE,
+    channel,
+    chunk,
+    header,
+    mcap,
+    schema,
+    stored,
+    write_messages,
+)
 
+from dyknow_recordings import Bag
 from dyknow_recordings.cut import add_cut_options
 
 MS, S = 1_000_000, 1_000_000_000
@@ -24,7 +35,9 @@ topics: {/a: {min_rate: 9 Hz, max_delay: 100 ms}}
 """
 
 
-def written(folder: Path, values: list[float], *, clocks: dict[str, int]) -> Path:
+def written(
+    folder: Path, values: list[float], *, clocks: dict[str, int], storage: str = 'mcap'
+) -> Path:
     """A bag of points, 10 ms after their stamps by the clock of each topic."""
     types, messages = STORE.types, []
     for number, value in enumerate(values):
@@ -32,7 +45,7 @@ def written(folder: Path, values: list[float], *, clocks: dict[str, int]) -> Pat
             point = types['geometry_msgs/msg/Point'](value, 0.0, 0.0)
             stamped = types[POINT](header(clock + number * 100 * MS, ''), point)
             messages.append((START + (number * 100 + 10) * MS, topic, stamped))
-    write_messages(folder / 'bag', messages)
+    write_messages(folder / 'bag', messages, storage=storage)
     return folder / 'bag'
 
 
@@ -71,9 +84,11 @@ def test_gaps_are_still_checked(tmp_path: Path) -> None:
     assert 'max_gap is 50 ms' in ' '.join(found.out.replace('│', ' ').split())
 
 
-def test_a_single_wrong_clock_is_a_violation(tmp_path: Path) -> None:
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_single_wrong_clock_is_a_violation(tmp_path: Path, storage: str) -> None:
     """The clock of one sender is wrong: then it is to be set."""
-    bag = written(tmp_path, [1.0] * 20, clocks={'/a': SIMULATED, '/b': START})
+    clocks = {'/a': SIMULATED, '/b': START}
+    bag = written(tmp_path, [1.0] * 20, clocks=clocks, storage=storage)
     found = run_check(bag, '--config', str(configured(tmp_path)), '--json')
     document = json.loads(found.out)
     assert found.code == 2
@@ -82,6 +97,25 @@ def test_a_single_wrong_clock_is_a_violation(tmp_path: Path) -> None:
     assert expectation['message'].startswith('20 messages late by up to ')
     error = document['formulas'][0]['error']['message']
     assert 'is stamped 1699999900 s before its receipt, as by another clock;' in error
+
+
+@pytest.mark.parametrize(('begin', 'topics'), [(500 * MS, set()), (3 * S, {'/a', '/b'})])
+def test_the_begin_shows_the_clock(tmp_path: Path, begin: int, topics: set[str]) -> None:
+    """All topics of the first second count, in several chunks."""
+
+    def part(key: int, clock: int, time: int) -> bytes:
+        point = STORE.types['geometry_msgs/msg/Point'](1.0, 0.0, 0.0)
+        message = STORE.types[POINT](header(clock + time, ''), point)
+        data = bytes(STORE.serialize_cdr(message, POINT))
+        return chunk([stored(key, START + time, data)], (START + time, START + time))
+
+    channels = schema(1, POINT) + channel(1, 1, '/a') + channel(2, 1, '/b')
+    times = [(1, SIMULATED, 0), (1, SIMULATED, 2 * S), (2, START, begin)]
+    parts = [part(*each) for each in sorted(times, key=lambda each: each[2])]
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(mcap(channels, *parts))
+    with Bag(path) as bag:
+        assert bag.other_clock == topics
 
 
 def test_order_needs_a_delay(tmp_path: Path) -> None:

@@ -50,6 +50,9 @@ MISSING: Final = 'a message is missing by the sequence numbers'
 MAX_TIME: Final = 2**63
 """All times in nanoseconds are below."""
 
+_BEGIN_NS: Final = SECOND_NS
+"""The begin of a recording that shows whether its stamps are of another clock."""
+
 _TF_TYPE: Final = 'tf2_msgs/msg/TFMessage'
 """Its messages have no stamp, but their transforms do."""
 
@@ -396,7 +399,7 @@ class RecordingReader(ABC):
         """The topics whose stamps are of another clock than the log times, as in a simulation.
 
         The stamps of one topic may be wrong, if those of others are not: then none is of another
-        clock. Only the first batch is read.
+        clock. Only the begin is read, until each topic has a message.
         """
         stamped = {
             name: each
@@ -404,16 +407,28 @@ class RecordingReader(ABC):
             if each.fields is not None and (each.has_stamp or each.message_type == _TF_TYPE)
         }
         found = {name: () for name, each in stamped.items() if each.has_stamp and not each.is_kept}
-        delays, reading = np.array([], np.int64), self._reading
+        reading, is_other = self._reading, False
         try:
-            for part in next(batches(self.columns(found)), ()) if found else ():
-                if part.stamps is not None:
-                    is_set = part.stamps != 0
-                    delays = np.append(delays, (part.log_times - part.stamps)[is_set])
+            for delays in self._first_delays(found):
+                if (delays <= OTHER_CLOCK_NS).any():
+                    return frozenset()
+                is_other = is_other or len(delays) > 0
         finally:
             self._reading = reading
-        is_other = len(delays) and (delays > OTHER_CLOCK_NS).all()
         return frozenset(stamped if is_other else ())
+
+    def _first_delays(self, fields: Mapping[str, Collection[str]]) -> Iterator[NDArray[np.int64]]:
+        """Yield the delays of messages in the first second, or until each topic has one."""
+        first, lacking = END, set(fields)
+        for batch in batches(self.columns(fields)) if fields else ():
+            for part in batch:
+                if part.stamps is not None:
+                    yield (part.log_times - part.stamps)[part.stamps != 0]
+            lacking -= {part.topic for part in batch}
+            first = min(first, *(int(part.log_times[0]) for part in batch))
+            latest = max(int(part.log_times[-1]) for part in batch)
+            if not lacking or latest - first > _BEGIN_NS:
+                return
 
     def fields(self, topic: str) -> Mapping[str, ValueType]:
         """Return the paths of the single values in the messages of a topic, with their types.
