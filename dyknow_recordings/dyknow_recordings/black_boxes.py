@@ -10,7 +10,9 @@ states is a verdict of the formula (`suffix_report`):
     always F, with F about the present and the future    false from a later state: false
     the same formula asked at every state                the verdict from each state
     asked where a trigger begins to hold                 likewise, but at the first state
-    eventually[0 s, 5 s] F, or F with past operators     unknown: the states before may decide it
+    with past operators, asked at every state            the verdict from each state from which they
+                                                         look back to no state before the suffix
+    eventually[0 s, 5 s] F, always (once[0 s, 5 s] F)    unknown: the states before may decide it
 """
 
 from __future__ import annotations
@@ -40,13 +42,18 @@ from dyknow_reasoning import (
     Forall,
     Formula,
     Interval,
+    first_complete,
     parse_formula,
     parts,
     walk,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every, looks_back
-from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.evaluation.results import (
+    FormulaReport,
+    RecordingReport,
+    report_of_attempts,
+)
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.recording import BEGINNING
 from dyknow_stream_processing import made, parse_specification
@@ -149,9 +156,14 @@ class BlackBoxContent:
         A note says so if the verdict differs from the running system's.
         """
         (found,) = report.formulas
-        if fault := self._missing_streams or (not found.error and self._missing_states(found)):
+        if fault := self._missing_streams:
             error = RecordingError(fault, ExitCode.NOT_FOUND)
             return replace(report, formulas=(found.without_verdict(error),))
+        begin = found.episodes[0].begin if found.episodes else None
+        if not (self.is_complete and begin in {None, self.begin}):
+            suffix = 'the black box begins after the first state of the formula'
+            found = suffix_report(found, every_state=self.every_state, suffix=suffix)
+            report = replace(report, formulas=(found,))
         notes = [*report.notes, *self.faults, *self._difference(found)]
         return replace(report, notes=tuple(notes))
 
@@ -164,20 +176,6 @@ class BlackBoxContent:
         return (
             'the black box does not know the streams of the formula, and so has no verdict '
             f'({reasons}); name the formula and its configuration by options'
-        )
-
-    def _missing_states(self, found: FormulaReport) -> str:
-        """Return why the states of the bag cannot decide the formula; empty if they can."""
-        parsed = parse_formula(found.formula)
-        reason = lacking_states(parsed, every_state=self.every_state)
-        if not reason:
-            return ''
-        begin = found.episodes[0].begin if found.episodes else None
-        if self.is_complete and begin in {None, self.begin}:
-            return ''
-        return (
-            'the black box begins after the first state of the formula, whose verdict '
-            f"{reason}; record more with a longer 'before'"
         )
 
     def _difference(self, found: FormulaReport) -> Sequence[str]:
@@ -269,27 +267,48 @@ def lacking_states(formula: Formula, *, every_state: bool) -> str:
     return '' if every_state or is_invariant(formula) else 'depends on its first state'
 
 
-def suffix_report(report: FormulaReport, *, every_state: bool, trigger: str = '') -> FormulaReport:
+def suffix_report(
+    report: FormulaReport,
+    *,
+    every_state: bool,
+    trigger: str = '',
+    suffix: str = 'the recording is cut from another one, which has states before',
+) -> FormulaReport:
     """Return the results of a formula over a part of a recording, without unsound verdicts.
 
     Args:
         report: over the part.
         every_state: True if the formula was asked at every state, or at each that ...
         trigger: ... begins to satisfy this formula.
+        suffix: says that there are states before, for the error.
     """
-    if report.error is not None:
-        return report
-    reason = lacking_states(parse_formula(report.formula), every_state=every_state)
+    if report.attempts:
+        # Later evaluations begin after the first state.
+        initial, *later = report.attempts
+        judged = suffix_report(
+            initial.report, every_state=every_state, trigger=trigger, suffix=suffix
+        )
+        report_of_all = report_of_attempts([replace(initial, report=judged), *later])
+        return replace(report_of_all, signals=report.signals)
+    if report.error is not None and not report.episodes:
+        return report  # Perhaps the text is no formula.
+    formula = parse_formula(report.formula)
+    reason = lacking_states(formula, every_state=every_state)
     if not reason and trigger:
         reason = lacking_states(parse_formula(trigger), every_state=True)
     if not reason:
         return report
+    if every_state and not trigger:
+        first = first_complete(formula, [each.begin or 0 for each in report.episodes])
+        if kept := report.episodes[first:]:
+            states = 'state is' if first == 1 else f'{first} states are'
+            event = f'the verdict {reason}: the first {states} left out'
+            return replace(report, episodes=kept, events=(*report.events, event))
     error = RecordingError(
-        f'the recording is cut from another one, which has states before; the verdict {reason}: '
-        'check the other one',
+        f'{suffix}; the verdict {reason}: check a recording from its first state on',
         ExitCode.NOT_FOUND,
     )
-    return report.without_verdict(error)
+    return report.without_verdict(report.error or error)
 
 
 def horizon(formula: str) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,12 @@ VALUES = [True, True, True, False, True, True, True]
         ('always[0 s, 2 s] P', {}, 'error'),
         ('always (once[0 s, 1 s] P)', {}, 'error'),
         ('always (once[0 s, 1 s] P)', {'begin': 10 * S, 'is_complete': True}, 'undecided'),
-        ('previous P', {'every_state': True}, 'error'),
+        ('previous P', {'every_state': True}, 'false'),
+        ('previous not P', {'every_state': True}, 'false'),
+        ('previous P or not P or P', {'every_state': True}, 'true'),
+        ('once[0 s, 4 s] not P', {'every_state': True}, 'true'),
+        ('once[0 s, 7 s] not P', {'every_state': True}, 'error'),
+        ('once not P', {'every_state': True}, 'error'),
         ('previous P', {'every_state': True, 'begin': 10 * S, 'is_complete': True}, 'false'),
     ],
 )
@@ -81,9 +87,28 @@ def test_the_error_names_the_mend(tmp_path: Path) -> None:
     path = write(tmp_path, content('eventually[0 s, 2 s] not P'), VALUES)
     assert checked(path)['error'] == {
         'code': 'NOT_FOUND',
-        'message': 'the black box begins after the first state of the formula, whose verdict '
-        "depends on its first state; record more with a longer 'before'",
+        'message': 'the black box begins after the first state of the formula; the verdict '
+        'depends on its first state: check a recording from its first state on',
     }
+
+
+LATE = 'stream a = select data as P from "/p" with max_gap = 1 s;\nsink sync(a)'
+
+
+@pytest.mark.parametrize('states', [STATES, LATE])
+def test_states_that_look_back_before_the_box_are_left_out(tmp_path: Path, states: str) -> None:
+    formula = 'once[0 s, 2 s] (P and previous P)'
+    box = replace(content(formula, every_state=True), states=states)
+    found = checked(write(tmp_path, box, VALUES))
+    assert [each['begin_ns'] // S for each in found['episodes']] == [13, 14, 15, 16]
+
+
+def test_a_later_evaluation_of_a_black_box_begins_after_the_first_state(tmp_path: Path) -> None:
+    states = STATES.replace(';', ' with max_gap = 900 ms, max_delay = 100 ms;')
+    box = replace(content('previous P', every_state=True), states=states)
+    (found,) = run_check(write(tmp_path, box, VALUES), '--retry', '--json').formulas
+    assert [each['begin_ns'] // S for each in found['episodes']] == [11, 13, 16]
+    assert [each['episodes'] for each in found['attempts']] == [0, 1, 1, 1]
 
 
 def test_another_verdict_than_that_of_the_system_is_noted(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ unit, in the ASCII spelling.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -23,9 +24,11 @@ from dyknow_reasoning.language.terms import (
     Operation,
     PastTerm,
     Quantifier,
+    StateCount,
     Term,
     Truth,
     Uncertain,
+    ValueBefore,
     operand_text,
 )
 
@@ -481,3 +484,26 @@ def is_about_one_state(node: Formula | Term) -> bool:
 def compares_past(node: Formula | Term) -> bool:
     """Return True for a comparison with a value of the past, directly or in an operand."""
     return isinstance(node, Comparison) and contains(node, PastTerm)
+
+
+def first_complete(node: Formula | Term, times: Sequence[int]) -> int:
+    """Return the index of the first state from which on a formula looks back to none before all.
+
+    `once[0 s, 2 s] p` over the states from 10 s on is known from 12 s on: the index of that state.
+
+    Args:
+        node: a formula, or a part of one.
+        times: the valid times of the states in nanoseconds, increasing.
+
+    Returns:
+        The number of states if there is no such state.
+    """
+    first = max((first_complete(each, times) for each in parts(node)), default=0)
+    if first == len(times):
+        return first
+    match node:
+        case Previous() | ValueBefore():
+            return first + 1
+        case Historically() | Once() | Since() | StateCount() if node.interval.end is not None:
+            return bisect_left(times, times[first] + node.interval.end)
+    return len(times) if isinstance(node, PastFormula | PastTerm) else first
