@@ -50,6 +50,7 @@ from dyknow_reasoning import (
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every, looks_back
 from dyknow_recordings.evaluation.results import (
+    Episode,
     FormulaReport,
     RecordingReport,
     report_of_attempts,
@@ -298,17 +299,22 @@ def suffix_report(
         reason = lacking_states(parse_formula(trigger), every_state=True)
     if not reason:
         return report
-    if every_state and not trigger:
-        first = first_complete(formula, [each.begin or 0 for each in report.episodes])
-        if kept := report.episodes[first:]:
-            states = 'state is' if first == 1 else f'{first} states are'
-            event = f'the verdict {reason}: the first {states} left out'
-            return replace(report, episodes=kept, events=(*report.events, event))
+    if every_state and not trigger and (kept := _complete_episodes(report, formula)):
+        first = len(report.episodes) - len(kept)
+        states = 'state is' if first == 1 else f'{first} states are'
+        event = f'the verdict {reason}: the first {states} left out'
+        return replace(report, episodes=kept, events=(*report.events, event))
     error = RecordingError(
         f'{suffix}; the verdict {reason}: check a recording from its first state on',
         ExitCode.NOT_FOUND,
     )
     return report.without_verdict(report.error or error)
+
+
+def _complete_episodes(report: FormulaReport, formula: Formula) -> tuple[Episode, ...]:
+    """Return the episodes from the state on from which a formula looks back to none before all."""
+    begins = [each.begin or 0 for each in report.episodes]
+    return report.episodes[first_complete(formula, begins) :]
 
 
 def horizon(formula: str) -> int:
