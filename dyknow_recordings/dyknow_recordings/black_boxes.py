@@ -285,12 +285,10 @@ def suffix_report(
     """
     if report.attempts:
         # Later evaluations begin after the first state.
-        initial, *later = report.attempts
-        judged = suffix_report(
-            initial.report, every_state=every_state, trigger=trigger, suffix=suffix
-        )
-        report_of_all = report_of_attempts([replace(initial, report=judged), *later])
-        return replace(report_of_all, signals=report.signals)
+        first, *later = report.attempts
+        found = suffix_report(first.report, every_state=every_state, trigger=trigger, suffix=suffix)
+        attempts = [replace(first, report=found), *later]
+        return replace(report_of_attempts(attempts), signals=report.signals)
     if report.error is not None and not report.episodes:
         return report  # Perhaps the text is no formula.
     formula = parse_formula(report.formula)
@@ -300,9 +298,9 @@ def suffix_report(
     if not reason:
         return report
     if every_state and not trigger and (kept := _complete_episodes(report, formula)):
-        first = len(report.episodes) - len(kept)
-        states = 'state is' if first == 1 else f'{first} states are'
-        event = f'the verdict {reason}: the first {states} left out'
+        number = len(report.episodes) - len(kept)
+        states = 'first state is' if number == 1 else f'first {number} states are'
+        event = f'the verdict {reason}: the {states} left out'
         return replace(report, episodes=kept, events=(*report.events, event))
     error = RecordingError(
         f'{suffix}; the verdict {reason}: check a recording from its first state on',
