@@ -20,7 +20,7 @@ import pytest
 from recorded import ListedSamples, at, recording, sample
 from small_bags import STORE, write_messages
 
-from dyknow_common import SECOND_NS, DyKnowError, Verdict
+from dyknow_common import SECOND_NS, DyKnowError, Margin, Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.check import main
 from dyknow_recordings.errors import RecordingError
@@ -29,6 +29,7 @@ from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import (
     MAX_REMAINDER,
+    Attempt,
     Episode,
     FormulaReport,
     Outcome,
@@ -309,6 +310,20 @@ def test_the_margins_from_each_state_on_are_a_band() -> None:
     np.testing.assert_array_equal(high, [1, 1, 1])
     assert data_of(page(report))['signals'][-1]['v'] == [1, 1, 1]
     assert report_image([report], Judgement.AUTO)
+
+
+def test_no_line_joins_the_margins_of_two_evaluations() -> None:
+    margins = [Margin(float(n), float(n)) for n in range(4)]
+    episodes = tuple(Episode(n, margin=each) for n, each in enumerate(margins))
+    formula = replace(checked('always "/a".p > 1', values=[3]).formulas[0], episodes=episodes)
+    first, second = (replace(formula, episodes=each) for each in (episodes[:2], episodes[2:]))
+    formula = replace(formula, attempts=(Attempt(0, 1, first), Attempt(2, None, second)))
+    high = panels(formula)[0][-1].signals[1]
+    assert high.times.tolist() == [0, 1, 2, 2, 3]
+    np.testing.assert_array_equal(high.values, [0, 1, np.nan, 2, 3])
+    alone = (replace(each, episodes=each.episodes[:1]) for each in (first, second))
+    attempts = tuple(Attempt(n, n, each) for n, each in enumerate(alone))
+    assert len(panels(replace(formula, attempts=attempts))[0]) == len(panels(formula)[0]) - 1
 
 
 def test_times_without_a_value_are_no_gaps() -> None:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -285,23 +286,27 @@ def _probability_panel(asked: str, known: StateSignals) -> Iterator[Panel]:
 
 def _margin_panel(formula: FormulaReport) -> list[Panel]:
     """Return the panel of the margins from each state on, if they are known of several."""
-    known = [
-        (each.begin, each.margin)
-        for each in formula.episodes
-        if each.begin is not None and each.margin is not None
+    runs = [each.report.episodes for each in formula.attempts] or [formula.episodes]
+    parts = [
+        [(it.begin, it.margin) for it in run if it.begin is not None and it.margin is not None]
+        for run in runs
     ]
+    known = list(chain.from_iterable(parts))
+    times = np.array([begin for begin, _ in known], np.int64)
     ends = np.array([(margin.lower, margin.upper) for _, margin in known]).reshape(-1, 2)
     ends[~np.isfinite(ends)] = np.nan
-    if len(known) < _FEW_MARGINS or np.isnan(ends).all():
+    if max(map(len, parts)) < _FEW_MARGINS or np.isnan(ends).all():
         return []
-    kept = np.arange(len(known))
-    if len(known) > MAX_POINTS:
-        spans = kept * MAX_SPANS // len(known)
+    # No line joins two evaluations.
+    breaks = np.cumsum([len(each) for each in parts if each])[:-1]
+    times, ends = np.insert(times, breaks, times[breaks]), np.insert(ends, breaks, np.nan, axis=0)
+    kept = np.arange(len(times))
+    if len(times) > MAX_POINTS:
+        spans = kept * MAX_SPANS // len(times)
         kept = np.unique(np.concatenate([extremes(spans, each) for each in ends.T]))
-    times = np.array([begin for begin, _ in known], np.int64)[kept]
     low, high = ends[kept].T
-    least = Signal('margin: at least', times, low, band=(low, high))
-    signals = least, Signal('margin: at most', times, high)
+    least = Signal('margin: at least', times[kept], low, band=(low, high))
+    signals = least, Signal('margin: at most', times[kept], high)
     unit = known[0][1].unit
     return [Panel('', ('margin',), signals, (Threshold(0.0, '0'),), is_decisive=False, unit=unit)]
 
