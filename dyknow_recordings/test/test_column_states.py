@@ -580,6 +580,17 @@ REGRESSIONS = {
         ['always late.v < 3', 'always "/a".v < 5'],
         Every.FIRST,
     ),
+    'a sample with the stamp of the one before, which waits, is emitted at a known time': (
+        [
+            ('a', 1, 0, 2.0, ''),
+            ('b', 100, 0, 1.0, ''),
+            ('b', 1, 1, 2.0, 'equal'),
+            ('a', 100, 0, 1.0, ''),
+            ('b', 100, 0, 1.0, ''),
+        ],
+        ['always joined.x + joined.y < 9'],
+        Every.FIRST,
+    ),
 }
 
 

@@ -94,7 +94,7 @@ class Track:
 
     def settling(self, batch: SampleBatch) -> Settled:
         """Return when values become certain with a batch."""
-        return batch.settled
+        return later_than(self.settled, batch.settled)
 
     def values_at(self, ticks: Times, times: Times, columns: Columns) -> Columns:
         """Return the values at some times, given all samples."""
