@@ -200,6 +200,31 @@ def test_a_better_stream_without_samples_replaces_none(event: str, is_excluded: 
     made.context.cleanup.destroy_stream.assert_called_once()
 
 
+@pytest.mark.parametrize('is_engine', [False, True])
+def test_a_better_stream_that_is_lost_is_made_again_a_second_later(*, is_engine: bool) -> None:
+    """If its topic loses messages all the time, it would be made and destroyed without end."""
+    made = Supervised('b')
+    supervisor = made.supervisor
+    asyncio.run(supervisor.start())
+    supervisor.update_candidates(_candidates('a', 'b'))
+
+    def create(name: str, *_: object) -> tuple[str, str]:
+        assert supervisor._next is not None
+        if is_engine:
+            supervisor._on_engine_lost(supervisor._next)
+        else:
+            made.violate(supervisor._next, '/a', ViolationKind.LOST)
+        return made.create(name)
+
+    made.context.clients.create_stream.side_effect = create
+    made.run()
+    assert [each.stream for each in supervisor.chosen] == ['p_b']
+    for seconds, is_tried in ((0.9, False), (1.1, True)):
+        made.context.wall_time.return_value = round(seconds * SECOND_NS)
+        supervisor.improve()
+        assert bool(made.spawned) == is_tried
+
+
 @pytest.mark.parametrize('code', [ExitCode.UNAVAILABLE, ExitCode.INVALID_ARGUMENT])
 def test_better_streams_are_not_at_fault_if_no_engine_can_make_their_states(code: ExitCode) -> None:
     """They were excluded, so a formula failed if its streams did within 10 s."""

@@ -57,6 +57,9 @@ RESUME_TIMEOUT_S: Final = 2.0
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
 
+RETRY_NS: Final = SECOND_NS
+"""Time after which better streams are tried again whose messages, or whose engine, were lost."""
+
 
 class StateObserver(Protocol):
     """Receiver of changes of the states."""
@@ -108,7 +111,7 @@ class StateSupervisor:
         )
         self._doubtful_from: int | None = None
         self._settled_at_s = 0.0
-        # No better streams are tried before, as no engine could make their states.
+        # No better streams are tried before: their states were lost, or no engine could make them.
         self._next_try = 0
         self._missing_since: float | None = None
         self._is_changing = False
@@ -365,8 +368,7 @@ class StateSupervisor:
             silent = await self._silent(stream.name, others, since)
             if stream is not self._next:
                 # Lost messages or a lost engine are no fault of the sources: they are tried again.
-                silent = ()
-                await self._context.node.deadlines.after(POLL_PERIOD_S)
+                silent, self._next_try = (), self._context.wall_time() + RETRY_NS
             elif not (silent or self._session.faults):
                 await self._hand_over(stream)
         except DyKnowError as error:
