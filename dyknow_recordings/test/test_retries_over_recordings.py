@@ -29,9 +29,15 @@ from test_column_states import (
 
 from dyknow_common.executables import ERROR
 from dyknow_configuration import RequestedFormula
-from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart
+from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.evaluation.results import (
+    Attempt,
+    FormulaReport,
+    Outcome,
+    RecordingReport,
+    report_of_attempts,
+)
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 from dyknow_recordings.reporting.judgement import Judgement, reasons
 from dyknow_recordings.reporting.pictures.timeline import extent, segments
@@ -170,6 +176,23 @@ def test_a_false_formula_is_not_hidden_behind_an_error() -> None:
     assert numbers == [
         (at(0), 0, None), (at(1.7), -2, 0), (at(2), 0, None), (at(5), -1, 1),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize('retries', [False, True])
+def test_a_false_episode_is_not_hidden_behind_a_later_error(*, retries: bool) -> None:
+    requested = [RequestedFormula('always "/a".v < 4')]
+    start = EpisodeStart(every=Every.TRIGGER, trigger='"/a".v > 2')
+    source = recording([sample('/a', 0.05, v=9.0), *LATE])
+    report = evaluate_recording(source, requested, start=start, retries=retries, keep_signals=True)
+    (formula,) = report.formulas
+    outcomes = [(each.span.start, each.outcome) for each in segments(formula, extent(report))]
+    assert outcomes == [(at(0.05), Outcome.FALSE), (at(1.6), Outcome.ERROR)]
+
+
+def test_the_first_state_may_be_at_time_zero() -> None:
+    reports = [FormulaReport('a', 'a', first_state=each) for each in (0, 5)]
+    attempts = [Attempt(0, None, each) for each in reports]
+    assert report_of_attempts(attempts).first_state == 0
 
 
 def test_an_error_at_each_state_ends_a_bounded_number_of_evaluations() -> None:

@@ -261,7 +261,7 @@ def report_of_attempts(attempts: Sequence[Attempt]) -> FormulaReport:
         last,
         episodes=tuple(chain.from_iterable(each.episodes for each in reports)),
         states=sum(each.states for each in reports),
-        first_state=next((each.first_state for each in reports if each.first_state), None),
+        first_state=next((it.first_state for it in reports if it.first_state is not None), None),
         groundings=next((each.groundings for each in reversed(reports) if each.groundings), ()),
         violations=tuple(dict.fromkeys(chain.from_iterable(each.violations for each in reports))),
         gaps=tuple(chain.from_iterable(each.gaps for each in reports)),

@@ -187,15 +187,20 @@ def _intervals(formula: Formula | Term) -> Iterator[tuple[int, int]]:
 
 def _progress(formula: FormulaReport, episode: Episode, whole: Span) -> Iterator[OutcomeSegment]:
     begin = whole.start if episode.begin is None else episode.begin
-    decided_at = episode.decided_at
-    outcome = episode.outcome if formula.error is None else Outcome.ERROR
-    if outcome in {Outcome.UNDECIDED, Outcome.ERROR}:
-        decided_at = last_state(formula, whole)
+    outcome, latest = episode.outcome, last_state(formula, whole)
+    if formula.error is not None and outcome is Outcome.UNDECIDED:
+        outcome = Outcome.ERROR
+    is_decided = outcome in {Outcome.TRUE, Outcome.FALSE}
+    decided_at = episode.decided_at if is_decided else latest
     if decided_at is not None and decided_at > begin:
         yield OutcomeSegment(Span(begin, decided_at), Outcome.UNDECIDED)
+    first = begin if decided_at is None else decided_at
+    fails = is_decided and formula.error is not None  # No later state can begin an episode.
+    end = max(latest if fails else whole.end, first)
     if outcome is not Outcome.UNDECIDED:
-        first = begin if decided_at is None else decided_at
-        yield OutcomeSegment(Span(first, max(whole.end, first)), outcome)
+        yield OutcomeSegment(Span(first, end), outcome)
+    if fails:
+        yield OutcomeSegment(Span(end, max(whole.end, end)), Outcome.ERROR)
 
 
 def _seen(found: Sequence[OutcomeSegment], whole: Span) -> Sequence[OutcomeSegment]:
