@@ -27,6 +27,7 @@ from test_column_states import (
     with_faults,
 )
 
+from dyknow_common import InlineText
 from dyknow_common.executables import ERROR
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
@@ -187,6 +188,20 @@ def test_a_false_episode_is_not_hidden_behind_a_later_error(*, retries: bool) ->
     (formula,) = report.formulas
     outcomes = [(each.span.start, each.outcome) for each in segments(formula, extent(report))]
     assert outcomes == [(at(0.05), Outcome.FALSE), (at(1.6), Outcome.ERROR)]
+
+
+@pytest.mark.parametrize('retries', [False, True])
+def test_messages_that_cannot_be_used_are_told_of_other_formulas(*, retries: bool) -> None:
+    """Neither another formula that is evaluated again hides them, nor a later begin."""
+    texts = (InlineText('b.streams', 'stream low = select v from "/b"; sink low'),)
+    files = MonitoringFiles(streams=texts)
+    unusable = [sample('/b', time / 10, v=1.0)._replace(stamp=-5) for time in range(5)]
+    requested = [RequestedFormula(each) for each in ('always low.v < 4', 'always "/a".v < 4')]
+    source = recording([*unusable, *LATE])
+    start = EpisodeStart(begin=at(0.5))
+    report = evaluate_recording(source, requested, files, start, retries=retries)
+    assert bool(report.formulas[1].attempts) == retries
+    assert 'messages of /b cannot be used: ' in report.formulas[0].reason
 
 
 def test_the_first_state_may_be_at_time_zero() -> None:

@@ -434,7 +434,8 @@ class RecordingEvaluation:
                 group.check_silence(now)
             elif self._waiting[group] <= now:
                 del self._waiting[group]
-                self._streams.rejected.clear()
+                if group not in self._groups:  # What happened to the one before is over.
+                    self._streams.forget_rejected()
                 group.start(now)
                 for lost in self._losses:
                     if lost not in self._losses_to_come:

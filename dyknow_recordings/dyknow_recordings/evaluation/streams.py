@@ -115,8 +115,8 @@ class RecordedStreams:
         # The log time of the first message.
         self._begin = END
         self._latest_valid_times: dict[str, int] = {}
-        self.rejected: dict[str, str] = {}
-        """Why messages of a topic cannot be used."""
+        # Why messages of a topic cannot be used.
+        self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
         self._kept: dict[str, Callable[[], Sample]] = {}
         # The columns of a trace whose empty cells are unknown values.
@@ -499,13 +499,18 @@ class RecordedStreams:
         self._consumers = consumers
 
     def _reject(self, name: str, valid_time: int, now: int, fault: str) -> None:
-        self.rejected.setdefault(self.absolute(name), fault)
+        self._rejected.setdefault(self.absolute(name), fault)
         text = f"stream '{name}': a message cannot be used: {fault}"
         self.dataflow.advance(now)
         self.dataflow.drop(name, ViolationKind.MESSAGE)
         self.dataflow.report(
             name, Violation(name, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
         )
+
+    def forget_rejected(self) -> None:
+        """Forget why messages could not be used of topics that no stream is made of now."""
+        found = self._rejected.items()
+        self._rejected = {topic: fault for topic, fault in found if topic in self._consumers}
 
     def _is_due(self, topic: str, start: int, end: int) -> bool:
         """Return True if a topic should have had another message; after a single one, none is."""
@@ -528,8 +533,8 @@ class RecordedStreams:
             return f'no message of {topic} can be read: {reason}'
         if not content.count:
             return f'the recording has no message of {topic}'
-        if topic in self.rejected:
-            return f'messages of {topic} cannot be used: {self.rejected[topic]}'
+        if topic in self._rejected:
+            return f'messages of {topic} cannot be used: {self._rejected[topic]}'
         return f'{topic} has fallen silent' if self._received[topic] <= since else ''
 
 
