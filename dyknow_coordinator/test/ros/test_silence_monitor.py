@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rclpy.logging import get_logger
 
 from dyknow_common import SECOND_NS
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
@@ -115,3 +116,14 @@ def test_the_first_window_of_a_rate_is_no_fault(bench: Bench) -> None:
     bench.group.waits_for += '; nobody publishes /b'
     bench.check(BORN + 5)
     assert bench.warnings == [f'no state comes for formula: {bench.group.waits_for}']
+
+
+def test_a_fault_is_logged_after_a_first_window_by_the_same_logger(bench: Bench) -> None:
+    """The logger of ROS refuses another severity at the same line: no topic was looked at."""
+    bench.group.logger = get_logger('waits')
+    bench.group.waits_for = 'the rate of /a has its first value 10 s after the first message'
+    bench.check(BORN + 4)
+    bench.group.waits_for = 'nobody publishes /b'
+    before = len(bench.limits)
+    bench.check(BORN + 5)
+    assert len(bench.limits) == before + 1

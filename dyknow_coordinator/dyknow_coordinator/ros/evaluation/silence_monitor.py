@@ -65,23 +65,27 @@ class SilenceMonitor:
         for group in groups:
             is_due = group.states.stream.created_at_s <= latest_start_s
             group.set_waiting(group.states.waits_for if is_due else '')
-        # The first window of a rate is no fault.
-        waiting = {
-            f'no state comes for {group.titles}: {group.waits_for}': (
-                group.logger.info if is_normal_wait(group.waits_for) else group.logger.warning
-            )
+        found = {
+            f'no state comes for {group.titles}: {group.waits_for}': group
             for group in groups
             if group.waits_for
         }
+        waiting = {text: group.logger for text, group in found.items()}
+        # The first window of a rate is no fault.
+        normal = {text for text, group in found.items() if is_normal_wait(group.waits_for)}
         if any(group.states.chosen for group in groups) and self._is_outdated():
             outdated = (
                 f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so '
                 'none of them is taken for silent: this node, the stream manager or an engine was '
                 'stopped, or the computer is too busy for them'
             )
-            waiting[outdated] = self._context.node.get_logger().warning
+            waiting[outdated] = self._context.node.get_logger()
         for text in self._log.new(waiting):
-            waiting[text](with_readable_times(text))
+            # A line of code logs with one severity only.
+            if text in normal:
+                waiting[text].info(with_readable_times(text))
+            else:
+                waiting[text].warning(with_readable_times(text))
 
     def _is_outdated(self) -> bool:
         """Return True if the latest report is old; simulated time may stand still, or be fast."""
