@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import pytest
 from hypothesis import given, settings
@@ -31,7 +32,7 @@ from dyknow_common import InlineText
 from dyknow_common.executables import ERROR
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
-from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.evaluation import ColumnStates, evaluate_recording
 from dyknow_recordings.evaluation.results import (
     Attempt,
     FormulaReport,
@@ -217,6 +218,25 @@ def test_an_error_at_each_state_ends_a_bounded_number_of_evaluations() -> None:
     assert begins[:6] == list(map(at, (0, 0.5, 2, 4, 8, 13)))
     assert len(begins) == 100
     assert '\'always "/a".v < 4\' has ended with 100 errors: its last' in report.notes[-1]
+
+
+@pytest.mark.parametrize('batch', [5, 1000])
+@pytest.mark.parametrize('value', [1.0, math.nan])
+def test_batches_are_progressed_as_columns_after_an_error(batch: int, value: float) -> None:
+    """A formula that fails within one of them has all messages progressed one by one."""
+    messages = [*LATE, sample('/a', 30, v=value)]
+    messages += [sample('/a', 5 + time / 10, v=1.0) for time in range(200)]
+    formula = 'always "/a".v < 4'
+    source = recording(messages, batch)
+    with mock.patch.object(ColumnStates, 'progress', return_value=False):
+        (expected,) = evaluate_recording(source, [RequestedFormula(formula)], retries=True).formulas
+    assert len(expected.attempts) == 2
+    progress = ColumnStates.progress
+    with mock.patch.object(ColumnStates, 'progress', autospec=True, side_effect=progress) as taken:
+        (found,) = evaluate_recording(source, [RequestedFormula(formula)], retries=True).formulas
+    assert repr(found) == repr(expected)
+    if batch == 5 and value == 1:
+        assert taken.call_count > len(messages) / batch  # Also in the second reading.
 
 
 @pytest.mark.parametrize('formula', ['always "/a".v <', 'always "/z".v < 4', 'always "/a".q < 4'])

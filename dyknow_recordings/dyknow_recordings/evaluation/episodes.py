@@ -251,14 +251,16 @@ class EpisodeGroup:
     ) -> None:
         if self.observer is not None:
             self.observer.states(valid_times, columns)
-        before = self._states
+        before, latest = self._states, self.last_state
         results = self._group.progress_many(valid_times, columns) if self._group.undecided else []
         for result in results:
-            self._states = before
+            count = 0
             if result.ended_at is not None:
-                self._states += int(np.searchsorted(valid_times, result.ended_at, 'right'))
+                count = int(np.searchsorted(valid_times, result.ended_at, 'right'))
+            self._states = before + count
+            self.last_state = int(valid_times[count - 1]) if count else latest
             self._close([result])
-        self._states = before + len(valid_times)
+        self._states, self.last_state = before + len(valid_times), int(valid_times[-1])
 
     def _begin_episodes(self, valid_time: int, values: Mapping[str, Value]) -> None:
         rising = {text: each.rises(valid_time, values) for text, each in self._triggers.items()}

@@ -103,14 +103,24 @@ def evaluate_recording(
     make = partial(RecordingEvaluation, recording, formulas, files, start, **kept)
     report = (evaluation := make()).run()
     if retries and evaluation.may_retry:
-        # Columns of messages end at no error. So only recordings with errors are read again.
         make.keywords['retries'] = True
-        report = (evaluation := make()).run()
+        report, evaluation = _with_retries(make)
     if probabilities:
         report = _with_probabilities(report, make(probabilities=True).run())
     if keep_signals and (probabilities or evaluation.has_ended_early):
         report = _with_signals(report, make(probabilities=probabilities))
     return report
+
+
+def _with_retries(
+    make: partial[RecordingEvaluation],
+) -> tuple[RecordingReport, RecordingEvaluation]:
+    """Return the results with retries; without columns, if a formula fails within a batch."""
+    try:
+        return (evaluation := make()).run(), evaluation
+    except _ErrorInColumns:
+        make.keywords['has_columns'] = False
+        return (evaluation := make()).run(), evaluation
 
 
 def _with_probabilities(report: RecordingReport, another: RecordingReport) -> RecordingReport:
@@ -145,6 +155,10 @@ def _with_signals(report: RecordingReport, another: RecordingEvaluation) -> Reco
     return replace(report, formulas=formulas)
 
 
+class _ErrorInColumns(Exception):  # noqa: N818 - no fault of anyone
+    """A formula has failed in a batch of columns, and is to be evaluated again within it."""
+
+
 class RecordingEvaluation:
     """The evaluation of formulas over one recording; see `evaluate_recording`."""
 
@@ -164,10 +178,11 @@ class RecordingEvaluation:
         margins: bool = False,
         probabilities: bool = False,
         retries: bool = False,
+        has_columns: bool = True,
     ) -> None:
         self._recording, self._files = recording, files
         self._keep_signals, self._start, self._retries = keep_signals, start, retries
-        self._margins, self._probabilities = margins, probabilities
+        self._margins, self._probabilities, self._has_columns = margins, probabilities, has_columns
         self._streams = RecordedStreams(
             recording.contents,
             files.streams,
@@ -279,7 +294,11 @@ class RecordingEvaluation:
     def _progress(self, batch: Sequence[MessageColumns]) -> None:
         """Progress over a batch, as columns if that gives the same results."""
         end = max(int(part.log_times[-1]) for part in batch)
-        if not self._retries and self._columns.progress(batch, self._running):
+        has_columns = self._has_columns and not (self._retries and self._waiting)
+        if has_columns and self._columns.progress(batch, self._running):
+            # The results of an observer are signals alone: it may begin a batch later.
+            if not self._observes_to_end and any(each.may_be_retried for each in self._failed):
+                raise _ErrorInColumns
             looks = (end - self._next_look) // SILENCE_PERIOD_NS + 1
             self._next_look += max(looks, 0) * SILENCE_PERIOD_NS
             self._react(end)
