@@ -503,9 +503,8 @@ class RecordedStreams:
         text = f"stream '{name}': a message cannot be used: {fault}"
         self.dataflow.advance(now)
         self.dataflow.drop(name, ViolationKind.MESSAGE)
-        self.dataflow.report(
-            name, Violation(name, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
-        )
+        violation = Violation(name, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
+        self.dataflow.report(name, violation)
 
     def forget_rejected(self) -> None:
         """Forget why messages could not be used of topics that no stream is made of now."""
