@@ -13,7 +13,7 @@ from rclpy.node import Node
 from commands import command
 from dyknow_common.ros import HEARTBEAT, LATCHED, NodeAdapter, RemoteNode
 from node_processes import end_of, node_that, process_of
-from system import LIMIT, Client
+from system import LIMIT, POLL, Client
 
 MANAGER = '/robot1/stream_manager'
 REFUSAL = f'another {MANAGER} is already running (started at '
@@ -123,6 +123,9 @@ def test_a_node_that_meets_another_one(
     own = client.collect(Heartbeat, '/node/_heartbeat', HEARTBEAT)
     statuses = client.collect(DiagnosticStatus, '/node/_status', LATCHED)
 
+    def of_node() -> list[Heartbeat]:
+        return [each for each in own if each.node_id]
+
     def is_heard() -> bool:
         """Whether the node says its status again: others may take the younger one for it."""
         publisher.publish(ABOUT_TO_END)
@@ -132,11 +135,18 @@ def test_a_node_that_meets_another_one(
         # With a heartbeat before that, it would not start.
         client.spin_until(lambda: bool(statuses), 'the status')
         # A heartbeat before the node has discovered the publisher is lost.
-        client.spin_until(is_heard, 'the status again')
-        publisher.publish(heartbeat)
+        client.spin_until(is_heard, 'the status again', pause=POLL)
+        count = len(of_node())
+
+        def is_over() -> bool:
+            """Whether the node ends, or goes on; the next heartbeat may replace one unread."""
+            publisher.publish(heartbeat)
+            return (
+                len(of_node()) > count + 2 if heartbeat is not OLDER else process.poll() is not None
+            )
+
+        client.spin_until(is_over, 'what the node does', pause=POLL)
         if heartbeat is not OLDER:
-            count = len(own)
-            client.spin_until(lambda: len(own) > count + 2, 'it goes on')
             process.terminate()
         code, errors = end_of(process, LIMIT)
     assert code == (1 if heartbeat is OLDER else 0)
