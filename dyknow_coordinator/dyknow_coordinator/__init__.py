@@ -73,15 +73,13 @@ from dyknow_coordinator.reporting.peer_reasons import (
     with_waits_of_peers,
 )
 from dyknow_coordinator.reporting.verdict_topics import verdict_token
-from dyknow_coordinator.retries import MAX_RETRY_DELAY_NS, RETRY_DELAY_NS, Retries
+from dyknow_coordinator.retries import Retries
 
 __all__ = [
     'EXCLUSION_NS',
     'FOLLOWED',
-    'MAX_RETRY_DELAY_NS',
     'PEER_VERDICT',
     'PEER_WAITS',
-    'RETRY_DELAY_NS',
     'SILENCE_LIMITS_S',
     'SILENCE_LIMIT_NS',
     'TRANSIENT',

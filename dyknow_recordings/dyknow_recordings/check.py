@@ -241,14 +241,12 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         boxes = {path: box for path in options.recording if (box := read_black_box(path))}
         if len(boxes) == len(set(options.recording)):
             return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
-    if options.probability and options.every != Every.FIRST:
-        raise RecordingError(
-            '--probability is about the first state on; leave it out, or leave out --every'
-        )
-    if options.probability and options.retry:
-        raise RecordingError(
-            '--probability is about the first state on; leave it out, or leave out --retry'
-        )
+    excluded = {'--every': options.every != Every.FIRST, '--retry': options.retry}
+    for option, is_given in excluded.items():
+        if options.probability and is_given:
+            raise RecordingError(
+                f'--probability is about the first state on; leave it out, or leave out {option}'
+            )
     robot = given_robot(options)
     files, formulas = read_configuration(options, robot)
     types = message_types(options)

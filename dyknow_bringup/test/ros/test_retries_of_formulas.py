@@ -11,13 +11,8 @@ from rclpy.task import Future
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_common import SECOND_NS, ExitCode
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import (
-    MAX_RETRY_DELAY_NS,
-    RETRY_DELAY_NS,
-    Answer,
-    CoordinationError,
-    Progress,
-)
+from dyknow_coordinator import Answer, CoordinationError, Progress
+from dyknow_coordinator.retries import MAX_RETRY_DELAY_NS, RETRY_DELAY_NS
 
 RETRY_DELAY_S = RETRY_DELAY_NS / SECOND_NS
 MAX_RETRY_DELAY_S = MAX_RETRY_DELAY_NS / SECOND_NS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Self
 from unittest.mock import MagicMock
 
 import pytest
@@ -66,6 +66,14 @@ class Situation:
         self.goals: list[Any] = []
         self.node = Node()
 
+    @classmethod
+    def started(cls, monkeypatch: pytest.MonkeyPatch) -> Self:
+        made = cls()
+        monkeypatch.setattr(actions, 'ActionServer', made.make_server)
+        monkeypatch.setattr(actions, 'ClientWatch', lambda *_: None)
+        made.start()
+        return made
+
     def make_server(self, *arguments: Any, **options: Any) -> None:
         self.options, self.pursue = options, arguments[3]
 
@@ -85,11 +93,7 @@ class Situation:
 
 @pytest.fixture
 def situation(monkeypatch: pytest.MonkeyPatch) -> Situation:
-    made = Situation()
-    monkeypatch.setattr(actions, 'ActionServer', made.make_server)
-    monkeypatch.setattr(actions, 'ClientWatch', lambda *_: None)
-    made.start()
-    return made
+    return Situation.started(monkeypatch)
 
 
 def test_goals_that_have_ended_are_not_kept_for_long(situation: Situation) -> None:
@@ -197,11 +201,7 @@ class Plans(Situation):
 
 @pytest.fixture
 def plans(monkeypatch: pytest.MonkeyPatch) -> Plans:
-    made = Plans()
-    monkeypatch.setattr(actions, 'ActionServer', made.make_server)
-    monkeypatch.setattr(actions, 'ClientWatch', lambda *_: None)
-    made.start()
-    return made
+    return Plans.started(monkeypatch)
 
 
 def test_a_restarted_client_takes_over_the_name_of_its_plan(plans: Plans) -> None:
