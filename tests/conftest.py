@@ -19,7 +19,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 from browser import Browser, missing_programs, open_browser
 from dashboards import dashboard
@@ -129,6 +129,9 @@ SHARED_SYSTEM = pytest.StashKey[SharedSystem]()
 LOW_PRIORITY = 10
 """The nice value of processes that run the tests of packages."""
 
+LOGGED_LINES = 100
+"""The lines of the log of each process that are shown beside a failure."""
+
 
 def is_system_test(test: str) -> bool:
     """Return True if a test, given its node id, is in this folder."""
@@ -198,6 +201,21 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     shared = item.config.stash.get(SHARED_SYSTEM, None)
     if shared and (nextitem is None or unit_of(nextitem.nodeid) != unit_of(item.nodeid)):
         shared.stop()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Show the end of what the nodes have logged beside a failure."""
+    report = yield
+    if report.failed and item.path.parent == FOLDER:
+        shared = item.config.stash.get(SHARED_SYSTEM, None)
+        folders = [shared.folder if shared else None, item.funcargs.get('tmp_path')]
+        for log in (log for folder in filter(None, folders) for log in folder.rglob('*.log')):
+            lines = log.read_text(encoding='utf-8', errors='replace').splitlines()
+            report.sections.append((str(log), '\n'.join(lines[-LOGGED_LINES:])))
+    return report
 
 
 @pytest.fixture(autouse=True, scope='module')

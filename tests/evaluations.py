@@ -246,7 +246,7 @@ class Spares:
         if answer.exit_status.code == ExitStatus.SUCCESS:
             self._made.pop()
             return True
-        assert 'is made from it' in answer.exit_status.message, answer
+        assert 'made from it' in answer.exit_status.message, answer
         return False
 
     def _succeed(self, service_type: Any, service: str, **fields: Any) -> None:

@@ -455,12 +455,15 @@ class SharedSystem:
         self._make_folder = make_folder
         self._options: dict[str, Any] = {}
         self._system: System | None = None
+        self.folder: Path | None = None
+        """The folder of its configuration and logs."""
 
     def get(self, **options: Any) -> System:
         """Return a running system with these options: the present one if it has them."""
         if self._system is None or self._options != options:
             self.stop()
-            self._system = System(self._make_folder('system'), **options).__enter__()
+            self.folder = self._make_folder('system')
+            self._system = System(self.folder, **options).__enter__()
             self._options = options
         return self._system
 

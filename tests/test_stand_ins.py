@@ -100,11 +100,10 @@ def wait_for_standby(system: System, former: set[str]) -> set[str]:
     def found() -> set[str]:
         return {each for each in system.streams() if 'states_' in each}
 
-    system.client.spin_until(
-        lambda: len(found()) == 2 and found() != former,
-        'a standby',
-        pause=POLL,
-    )
+    def is_new(streams: set[str]) -> bool:
+        return len(streams) == 2 and streams != former
+
+    system.client.spin_until(lambda: is_new(found()), 'a standby', pause=POLL)
     # The reasoning engine keeps the states of the standby from its subscription on.
     count = system.client.node.count_subscribers
     system.client.spin_until(
