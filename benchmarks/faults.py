@@ -127,6 +127,7 @@ class Faults:
         """Return a node to fail; empty if another one has failed and was not repaired."""
         if self._failed:
             return ''
-        self._failed = self.chance.choice(NODES)
+        # The nodes of one process do not fail alone.
+        self._failed = self.chance.choice([each for each in NODES if each in self.system.pids])
         self.injected[f'{self._failed} {how}'] += 1
         return self._failed

@@ -104,15 +104,18 @@ AWAIT = f'async def work(self): await self.deadlines.after(4.0); {SAY}\nNode.wor
 
 
 @pytest.mark.parametrize(
-    ('work', 'limit', 'setting', 'times'),
+    ('work', 'limit', 'setting', 'times', 'reports'),
     [
-        (f'time.sleep(1.0); {SAY}', 5.0, '', 3),
-        ('pass', 2.0, AWAIT, 2),
-        (f'time.sleep(3.0); {SAY}', 0.0, '', 1),
+        (f'time.sleep(1.0); {SAY}', 5.0, '', 3, 0),
+        (f'time.sleep(6.0); {SAY}', 8.0, '', 1, 1),
+        ('pass', 2.0, AWAIT, 2, 0),
+        (f'time.sleep(3.0); {SAY}', 0.0, '', 1, 0),
     ],
-    ids=['busy for less than the limit', 'awaits something for longer', 'without a limit'],
+    ids=['busy', 'busy for half of the limit', 'awaits something for longer', 'without a limit'],
 )
-def test_a_node_that_goes_on(work: str, limit: float, setting: str, times: int) -> None:
+def test_a_node_that_goes_on(
+    work: str, limit: float, setting: str, times: int, reports: int
+) -> None:
     arguments = ('-p', f'hang_limit:={limit}')
     with node_that(work, *arguments, environment=private_environment(), setting=setting) as process:
         wait_for_work(process, times)
@@ -120,3 +123,5 @@ def test_a_node_that_goes_on(work: str, limit: float, setting: str, times: int) 
         code, errors = end_of(process, LIMIT)
     assert code == 0
     assert 'Traceback' not in errors
+    assert errors.count('has hung for 4.5 s; after 8 s, the process ends') == reports
+    assert ('in work' in errors) == bool(reports)

@@ -253,6 +253,9 @@ def _report(error: Exception, place: str, failure: int, *, has_started: bool) ->
 class Watchdog:
     """A thread that publishes the heartbeats of nodes, and ends the process if one hangs.
 
+    After half of the time that a node may hang, the tracebacks of all threads are printed: a node
+    that goes on later was late, too.
+
     The thread counts its own periods, so time in which the process is stopped (SIGSTOP) does not
     count. If a thread that hangs holds the GIL, no other one can run. Then SIGALRM ends the
     process, which is handled without Python:
@@ -305,8 +308,17 @@ class Watchdog:
     def _publish(self, node: DyKnowNode) -> bool:
         """Publish a heartbeat; return True unless the node is stopping."""
         hung_s = _unless_stopping(node, node.heartbeat.publish)
-        if hung_s and node.context.ok() and 0.0 < node.hang_limit_s() < hung_s:
-            _end_hung(node.get_name(), hung_s)
+        limit_s = node.hang_limit_s()
+        if hung_s and limit_s and node.context.ok():
+            text = f'The executor of {node.get_name()} or the middleware has hung for {hung_s:g} s'
+            # The loggers of nodes publish, and the middleware may hang.
+            if hung_s > limit_s:
+                get_logger('watchdog').fatal(f'{text}, so the process ends.')
+                _print_tracebacks()
+                os._exit(FAULT)
+            if hung_s > limit_s / 2 >= hung_s - HEARTBEAT_PERIOD_S:
+                get_logger('watchdog').warning(f'{text}; after {limit_s:g} s, the process ends.')
+                _print_tracebacks()
         return hung_s is not None
 
 
@@ -320,11 +332,6 @@ def _unless_stopping(node: DyKnowNode, publish: Callable[[], float]) -> float | 
         return None
 
 
-def _end_hung(node: str, hung_s: float) -> None:
-    # The loggers of nodes publish, and the middleware may hang.
-    get_logger('watchdog').fatal(
-        f'The executor of {node} or the middleware has hung for {hung_s:g} s, so the process ends.'
-    )
+def _print_tracebacks() -> None:
     with suppress(*WITHOUT_STDERR):
         faulthandler.dump_traceback(all_threads=True)
-    os._exit(FAULT)
