@@ -276,12 +276,7 @@ class FormulaGroup:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
-        if self.waiting:
-            self._begin_waiting(valid_time)
-        if Alternatives.exist:
-            if Alternatives.are_among(values.values()):
-                return self._progress_alternatives(valid_time, values)
-        elif self._is_alone:
+        if self._is_alone and not Alternatives.exist:
             standing = self.standing
             try:
                 outcomes = self._monitor.progress(valid_time, values)
@@ -290,6 +285,10 @@ class FormulaGroup:
             except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
                 return self.fail(error, valid_time)
             return self._results_of(outcomes, valid_time, values) if outcomes else []
+        if self.waiting:
+            self._begin_waiting(valid_time)
+        if Alternatives.exist and Alternatives.are_among(values.values()):
+            return self._progress_alternatives(valid_time, values)
         return self._progress(valid_time, values, values)
 
     def _progress_alternatives(self, valid_time: int, values: Values) -> list[FormulaResult]:
@@ -333,7 +332,8 @@ class FormulaGroup:
             return results + self.fail(error, valid_time)
         if outcomes:
             return results + self._results_of(outcomes, valid_time, values)
-        self._is_alone = not (margins or looks_back or possible.waiting or possible.formulas)
+        others = self.waiting or margins or looks_back or possible.waiting or possible.formulas
+        self._is_alone = not others
         return results
 
     def progress_many(
