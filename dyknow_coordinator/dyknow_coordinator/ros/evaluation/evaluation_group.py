@@ -235,8 +235,8 @@ class EvaluationGroup:
         try:
             await self._context.clients.remove_formula(self.group_id, formula_id, until)
         except DyKnowError as error:
-            # The group may have ended meanwhile.
-            self._context.node.get_logger().info(str(error))
+            if not self.has_ended:
+                self._context.node.get_logger().info(str(error))
 
 
 class EvaluationGroups:
