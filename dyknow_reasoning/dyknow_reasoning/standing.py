@@ -82,7 +82,7 @@ class StandingFormula:
         """The number of states at which it was not asked, as several values are possible."""
         self._looks_back = any(
             instance.node.looks_back
-            or any(isinstance(atom, PastAtom) and atom.looks_back for atom in instance.atoms)
+            or any(isinstance(atom, PastAtom) and atom.depends_on_others for atom in instance.atoms)
             for instance in instances
         )
         self._error: ReasoningError | None = None

@@ -23,11 +23,13 @@ from dyknow_common import Alternatives, ExitCode, choices
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Atom,
+    Comparison,
     Freeze,
     PastFormula,
     compares_past,
     contains,
-    is_about_one_state,
+    looks_back,
+    looks_forward,
     walk,
 )
 from dyknow_reasoning.language.spatial import Over
@@ -108,9 +110,10 @@ class _Watched:
 
     @property
     def is_asked_of_states(self) -> bool:
-        """True if it is asked at every state, and each state, or the next ones, decide it."""
+        """True if it is asked at every state, and each state decides what is asked of it."""
         asked = asked_of_each_state(self.named.formula)
-        return self.named.every_state and is_about_one_state(asked)
+        is_of_others = looks_back(asked) or looks_forward(asked) or contains(asked, Freeze)
+        return self.named.every_state and not is_of_others
 
     def differs(self, values: Values) -> bool:
         """Return True if it may depend on which of the alternatives is true."""
@@ -127,7 +130,7 @@ class _Watched:
         for each in walk(self.named.formula):
             if isinstance(each, Over):
                 use = f"'{each}' looks over links"
-            elif every_state and (isinstance(each, PastFormula) or compares_past(each)):
+            elif every_state and isinstance(each, PastFormula | Comparison) and looks_back(each):
                 use = f"'{each}' looks into the past of every state"
         if use:
             text = f'{reason}, and {use}, which is not possible over samples of several clocks'

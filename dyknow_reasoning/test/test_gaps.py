@@ -237,6 +237,30 @@ def test_which_verdicts_are_still_possible(
         assert (found.verdict, found.decided_at) == (expected[0], expected[1] * MS)
 
 
+@given(formula=formulas(3), found=segments(), is_standing=st.booleans())
+def test_a_probability_of_one_state_looks_back_to_none(
+    *, formula: Formula, found: Segments, is_standing: bool
+) -> None:
+    """For a number p of 0 or 1, `P(normal(p, 1) > 0.5) > 0.5` is like a boolean p, also at gaps."""
+    text = str(formula)
+    plain = started(text, every_state=is_standing)
+    likely = re.sub(r'\bp\b', '(P(normal(p, 1) > 0.5) > 0.5)', text)
+    asked = started(likely, every_state=is_standing)
+    numbers: Segments = [
+        [(time, {**values, 'p': float(values['p'])}) for time, values in segment]
+        for segment in found
+    ]
+    expected, actual = results(plain, found), results(asked, numbers)
+    assert [(each.verdict, each.decided_at, str(each.error)) for each in actual] == [
+        (each.verdict, each.decided_at, str(each.error)) for each in expected
+    ]
+    told, wanted = (
+        [each.monitor.counts() for each in group.standing.formulas.values()]
+        for group in (asked, plain)
+    )
+    assert told == wanted
+
+
 def test_a_gap_may_hide_a_single_state() -> None:
     [found] = results(started('always[0, 2 ns] p'), [[(0, P)], [(2, P)]])
     assert found.error is not None

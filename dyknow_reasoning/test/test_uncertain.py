@@ -251,10 +251,12 @@ def test_the_past_may_be_known() -> None:
     assert (result.verdict, result.error) == (Verdict.FALSE, None)
 
 
-def test_a_formula_about_single_states_is_not_asked_at_open_ones() -> None:
-    group = started('p', every_state=True)
+@pytest.mark.parametrize('text', ['p', 'P(normal(x, 1) > 0.5) > 0.5'])
+def test_a_formula_about_single_states_is_not_asked_at_open_ones(text: str) -> None:
+    group = started(text, every_state=True)
     for time, p in enumerate((True, either(True, False), False, either(False, True), True)):
-        assert not group.progress(time, {'p': p})
+        x = either(1.0, 0.0) if isinstance(p, Alternatives) else float(p)
+        assert not group.progress(time, {'p': p, 'x': x})
         assert (REASON in group.standing.omitted.values()) is isinstance(p, Alternatives)
         assert (REASON in group.residual(1)) is isinstance(p, Alternatives)
     summary = group.standing.summary(1)

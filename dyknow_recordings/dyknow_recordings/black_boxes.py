@@ -43,12 +43,13 @@ from dyknow_reasoning import (
     Formula,
     Interval,
     first_complete,
+    looks_back,
     parse_formula,
     parts,
     walk,
 )
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.episodes import EpisodeStart, Every, looks_back
+from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.results import (
     Episode,
     FormulaReport,

@@ -251,6 +251,7 @@ EARLIER = 'so it may have begun to hold before'
         ('"/mode".data < 0', '"/mode".data = 7', Outcome.ERROR, EARLIER),
         ('once "/a".data > 9', '"/a".data > 5', Outcome.ERROR, 'looks back'),
         ('"/a".data < 9', 'previous "/a".data > 5', Outcome.ERROR, 'looks back'),
+        ('P(normal("/a".data, 1) < 0) > 0.5', '"/a".data < 5', Outcome.FALSE, ''),
     ],
 )
 def test_episodes_that_begin_in_a_part(

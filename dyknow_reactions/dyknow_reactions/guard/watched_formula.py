@@ -13,12 +13,10 @@ from dyknow_reasoning import (
     Domains,
     FormulaGroup,
     FormulaResult,
-    PastFormula,
-    PastTerm,
     UnknownFeatures,
     Values,
+    looks_back,
     parse_formula,
-    walk,
 )
 from dyknow_recordings import horizon, is_bounded
 
@@ -42,7 +40,7 @@ class WatchedFormula:
         self._monitor = self._group.standing.formulas[self._id].monitor
         parsed = parse_formula(text)
         self._horizon = horizon(text) if is_bounded(parsed) else inf
-        self.looks_back = any(isinstance(each, PastFormula | PastTerm) for each in walk(parsed))
+        self.looks_back = looks_back(parsed)
         """True if it cannot be asked after a gap."""
         self._latest, self._lost_until, self._lost_text = 0, -inf, ''
         self.error = ''

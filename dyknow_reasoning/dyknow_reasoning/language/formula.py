@@ -284,9 +284,12 @@ class PastAtom(SyntaxNode):
         return str(self.formula)
 
     @property
-    def looks_back(self) -> bool:
-        """True if it depends on earlier states."""
-        return not isinstance(self.formula, SpatialAtom)
+    def depends_on_others(self) -> bool:
+        """True if it depends on other states: a state that is missing may change it."""
+        formula = self.formula  # Operands in space are about one state, and many.
+        return not isinstance(formula, SpatialAtom) and (
+            looks_back(formula) or looks_forward(formula)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -458,6 +461,11 @@ def looks_forward(formula: Formula) -> bool:
     return contains(formula, FutureFormula)
 
 
+def looks_back(formula: Formula) -> bool:
+    """Return True if a formula contains an operator or a value of earlier states."""
+    return contains(formula, PastFormula | ValueBefore | StateCount)
+
+
 def outermost_foralls(formula: Formula) -> tuple[list[Forall], Formula]:
     """Return the outermost `forall` of a formula, and the formula below them.
 
@@ -506,4 +514,4 @@ def first_complete(node: Formula | Term, times: Sequence[int]) -> int:
             return first + 1
         case Historically() | Once() | Since() | StateCount() if node.interval.end is not None:
             return bisect_left(times, times[first] + node.interval.end)
-    return len(times) if isinstance(node, PastFormula | PastTerm) else first
+    return len(times) if isinstance(node, PastFormula | StateCount) else first

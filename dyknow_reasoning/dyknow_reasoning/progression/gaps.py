@@ -150,7 +150,7 @@ def whole_past_atoms(atoms: Sequence[Atom], mask: int) -> int:
 
 
 def _is_whole(atom: Atom) -> bool:
-    is_past = isinstance(atom, PastAtom) and atom.looks_back
+    is_past = isinstance(atom, PastAtom) and atom.depends_on_others
     return is_past and not cast('PastAtom', atom).field.endswith(('+', '-'))
 
 

@@ -16,19 +16,16 @@ from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
     ALL_KNOWN,
     FailureEpisode,
-    Formula,
     FormulaGroup,
     FormulaProbability,
     FormulaResult,
-    PastFormula,
-    PastTerm,
     ReasoningError,
     UnknownFeatures,
     UnknownValueError,
+    looks_back,
     parse_formula,
     probability_of,
     start_verdicts,
-    walk,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
@@ -463,11 +460,6 @@ def _unknown_begin(formula: FormulaEpisodes) -> RecordingError:
         'before: check the other one',
         ExitCode.NOT_FOUND,
     )
-
-
-def looks_back(formula: Formula) -> bool:
-    """Return True if a part of a formula is about the past."""
-    return any(isinstance(each, PastFormula | PastTerm) for each in walk(formula))
 
 
 def _looks_back(grounded: GroundedFormula) -> bool:
