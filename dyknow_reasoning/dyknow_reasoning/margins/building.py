@@ -45,13 +45,13 @@ from dyknow_reasoning.margins.operators import (
     ExtremumMargin,
     JunctionMargin,
     MarginOperator,
-    ObjectsMargin,
     PairMargin,
     PreviousMargin,
     Reader,
     StateMargin,
     TemporalMargin,
     UntilMargin,
+    of_objects,
 )
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
@@ -239,9 +239,9 @@ class MarginBuilder:
         routes = Routes(formula, context.positive, origins)
         join = Ends(origins, context.positive is not (formula.operator == 'everywhere'))
         members = [*([right] if is_escape else along), links]
-        reached = self._counted(SpatialMargin(members, routes, context.width))
+        reached = self._counted(SpatialMargin(members, routes, width=context.width))
         ends = [reached] if is_escape else [right, reached]
-        return self._counted(SpatialMargin(ends, join, context.width))
+        return self._counted(SpatialMargin(ends, join, width=context.width))
 
     def _link_signal(self, formulas: Sequence[Spatial], objects: Sequence[str]) -> int:
         """Return the number of the links of a spatial operator, for choices of other objects."""
@@ -328,7 +328,7 @@ class MarginBuilder:
             uses = [replace(context, bindings=[each]) for each in bindings]
             return self._joined(needed, [self._built(formula.body, each) for each in uses], context)
         body = self._built(formula.body, replace(context, bindings=bindings))
-        return self._counted(ObjectsMargin(body, needed, len(names)))
+        return self._counted(of_objects(body, needed, len(names)))
 
     def _joined(
         self, number: int, members: Sequence[MarginOperator], context: _Context

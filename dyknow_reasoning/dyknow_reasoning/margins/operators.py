@@ -159,6 +159,7 @@ class JunctionMargin(MarginOperator):
         members: the operators of the formulas.
         join: returns the margin, such as the least or the greatest one.
         decisive: the margin of one member that decides, whatever the others' margins are.
+        width: the number of objects, if it is not the same as of the members.
     """
 
     def __init__(
@@ -166,8 +167,10 @@ class JunctionMargin(MarginOperator):
         members: Sequence[MarginOperator],
         join: Callable[[Any], Any],
         decisive: Robustness | None = None,
+        *,
+        width: int | None = None,
     ) -> None:
-        super().__init__(members, members[0].width)
+        super().__init__(members, width or members[0].width)
         self._join = join
         self._decisive = decisive
         self._queues: list[list[Any]] = [[] for _ in members]
@@ -235,36 +238,23 @@ class PairMargin(JunctionMargin):
         return all(map(threshold.reached_by, lefts))
 
 
-class ObjectsMargin(MarginOperator):
-    """A formula with a quantifier, over the margins of all its objects at the same state.
+def of_objects(body: MarginOperator, number: int, count: int) -> JunctionMargin:
+    """Return the operator of a formula with a quantifier.
 
     Args:
         body: the operator of the formula for all objects.
         number: the number of objects for which the body must hold.
         count: the number of objects of the quantifier.
     """
+    width = body.width // count
+    choose = at_least(number, count, body.width)
 
-    def __init__(self, body: MarginOperator, number: int, count: int) -> None:
-        super().__init__([body], body.width // count)
-        self._shape = self.width, count
-        self._choose = at_least(number, count, body.width)
+    def join(members: Any) -> Any:
+        (margins,) = members
+        found = choose(margins if width == 1 else margins.reshape(width, count).T)
+        return scalar(found) if width == 1 else found
 
-    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
-        """Return the margins at the states at which all objects' margins are known."""
-        return [self._join(each) for each in self.parts[0].step(steps, assumption)]
-
-    def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
-        """Return the margins that are not known yet, from the objects' margins."""
-        return [self._join(each) for each in self.parts[0].open_margins(threshold)]
-
-    def stable_until(self, threshold: MarginThreshold) -> float:
-        """Return the time before which the margin of no object falls short."""
-        return self.parts[0].stable_until(threshold)
-
-    def _join(self, margins: Any) -> Any:
-        if self.width == 1:
-            return scalar(self._choose(margins))
-        return self._choose(margins.reshape(self._shape).T)
+    return JunctionMargin([body], join, width=width)
 
 
 class PreviousMargin(MarginOperator):

@@ -22,7 +22,7 @@ import numpy as np
 from dyknow_reasoning.language.spatial import Spatial
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.comparisons import UNUSABLE
-from dyknow_reasoning.margins.operators import JunctionMargin, MarginOperator
+from dyknow_reasoning.margins.operators import JunctionMargin
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
     LOWEST,
@@ -68,12 +68,6 @@ class LinkSignal:
 
 class SpatialMargin(JunctionMargin):
     """A spatial operator, or its routes: a junction of operands and links, for other objects."""
-
-    def __init__(
-        self, members: Sequence[MarginOperator], join: Callable[[Any], Any], width: int
-    ) -> None:
-        super().__init__(members, join)
-        self.width = width
 
     def stable_until(self, threshold: MarginThreshold) -> float:  # noqa: ARG002
         """Return that any state may change the margins: its links may be others."""
