@@ -16,8 +16,7 @@ from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.execution.past import register_groups
 from dyknow_reasoning.execution.past.register_groups import RegisterGroup
 from dyknow_reasoning.language.interval import Interval
-from dyknow_reasoning.progression import past_operators
-from dyknow_reasoning.progression.past_operators import ALL_ROWS
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PreviousMemory, SinceMemory
 
 CASES = random_cases(40)
 NAMES = [f'o{number}' for number in range(6)]
@@ -43,7 +42,7 @@ def test_a_memory_of_many_objects_is_that_of_each(seed: int) -> None:
     for _ in range(CASES):
         start = random.choice([0, 0, 1, 3, 5])
         end = random.choice([None, start, start + 1, start + 6])
-        kind = random.choice(list(past_operators._MEMORIES.values()))
+        kind = random.choice([SinceMemory, SinceMemory, PreviousMemory])
         has_left = random.random() < 0.7
         singles = [kind(Interval(start, end)) for _ in range(5)]
         memory = kind(Interval(start, end))

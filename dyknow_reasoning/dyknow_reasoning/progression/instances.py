@@ -33,6 +33,7 @@ from dyknow_reasoning.language.formula import (
     Or,
     PastAtom,
     PastFormula,
+    Previous,
     StateAtom,
     Until,
     compares_past,
@@ -81,7 +82,7 @@ from dyknow_reasoning.progression.nodes import (
     constant,
     slots,
 )
-from dyknow_reasoning.progression.past_operators import is_dual, memory_of
+from dyknow_reasoning.progression.past_operators import is_dual
 from dyknow_reasoning.progression.residual import Wording, holds_at_the_end
 from dyknow_reasoning.progression.shown_objects import Binding, with_objects
 from dyknow_reasoning.progression.spatial_atoms import spatial_formula
@@ -274,17 +275,20 @@ class Translator:
                 raise AssertionError(formula)
 
     def _past(self, formula: PastFormula, binding: Binding) -> Node:
-        if not looks_forward(formula):
-            grounded = ground(formula, binding, self._domains)
-            known = past_operands(grounded, self._store).value
-            if known is not None:
-                return constant(value=known)
-            return self._literal(PastAtom(grounded), positive=True)
-        *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
-        memory = memory_of(formula)
         universal = is_dual(formula)
-        left = lefts[0] if lefts else constant(value=not universal)
-        return self._store.past_window(*memory.window, left, right, universal=universal)
+        window: tuple[int | None, int | None] = None, None
+        if not isinstance(formula, Previous):
+            window = formula.interval.start, formula.interval.end
+        if looks_forward(formula):
+            *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
+            left = lefts[0] if lefts else constant(value=not universal)
+            return self._store.past_window(*window, left, right, universal=universal)
+        grounded = ground(formula, binding, self._domains)
+        operands = past_operands(grounded, self._store)
+        known = self._store.past_window(*window, operands.left, operands.right, universal=False)
+        if type(known) is Constant:
+            return constant(value=known.value is not universal)
+        return self._literal(PastAtom(grounded), positive=True)
 
     def _window(self, formula: Always | Eventually | Until, binding: Binding) -> Node:
         sides: tuple[Node, Node]
@@ -420,13 +424,11 @@ class PastOperands:
         atoms: the atom of each slot.
         left: the left side of `since`; true for other operators.
         right: the right side; for `historically F`, it is `not F`, as in `not once not F`.
-        value: the truth of the operator if it is the same at all states.
     """
 
     atoms: tuple[Atom, ...]
     left: Node
     right: Node
-    value: bool | None
 
 
 def ground_nodes(
@@ -443,12 +445,7 @@ def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
     atoms, (*lefts, right) = ground_nodes(cast('tuple[Formula, ...]', parts(formula)), store)
     if is_dual(formula):
         right = store.negation(right)
-    value = None
-    if type(right) is Constant:
-        known = memory_of(formula).constant(right=right.value)
-        value = known if known is None else known is not is_dual(formula)
-    left = lefts[0] if lefts else TRUE
-    return PastOperands(atoms, left, right, value)
+    return PastOperands(atoms, lefts[0] if lefts else TRUE, right)
 
 
 def ground(  # noqa: C901, PLR0911 - one for each kind

@@ -16,11 +16,10 @@ false.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from typing import Final, TypeAlias
 
-from dyknow_common import SyntaxNode
-from dyknow_reasoning.language.formula import Historically, Once, PastFormula, Previous, Since
+from dyknow_reasoning.language.formula import Historically, PastFormula, Previous
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.progression.gaps import Gap
 
@@ -50,13 +49,11 @@ class SinceMemory:
         interval: the interval of the operator, into the past.
     """
 
-    __slots__ = ('_end', '_lost', '_start', 'ends', 'holds', 'interval', 'window', 'younger')
+    __slots__ = ('_end', '_lost', '_start', 'ends', 'holds', 'interval', 'younger')
 
     def __init__(self, interval: Interval) -> None:
         self.interval = interval
         self._start, self._end = interval.start, interval.end
-        self.window: tuple[int | None, int | None] = interval.start, interval.end
-        """The start and the end of the operator's node over operands with a future."""
         self.holds = 0
         """The rows with a candidate that is old enough."""
         self.ends: deque[tuple[int, int]] = deque()
@@ -162,13 +159,6 @@ class SinceMemory:
         )
         return found
 
-    def constant(self, *, right: bool) -> bool | None:
-        """Return the truth of the operator at all states for a constant right operand.
-
-        Return None if it may change.
-        """
-        return (None if self._start else True) if right else False
-
     def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
         """Take a gap, for one object: remember the states that make the operator true, or false.
 
@@ -207,11 +197,10 @@ class SinceMemory:
 class PreviousMemory:
     """The memory of `previous`."""
 
-    __slots__ = ('_is_lost', 'interval', 'rows', 'window')
+    __slots__ = ('_is_lost', 'interval', 'rows')
 
     def __init__(self, interval: Interval) -> None:
         self.interval = interval
-        self.window = None, None
         self.rows = 0
         """The rows for which the operand held at the latest state."""
         self._is_lost = False
@@ -226,10 +215,6 @@ class PreviousMemory:
         found = PreviousMemory(self.interval)
         found.rows, found._is_lost = self.rows >> row & 1, self._is_lost
         return found
-
-    def constant(self, *, right: bool) -> bool | None:
-        """Return the truth of the operator at all states for a constant operand, if any."""
-        return None if right else False
 
     def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:  # noqa: ARG002
         """Take a gap, for one object."""
@@ -252,17 +237,11 @@ class PreviousMemory:
 PastMemory: TypeAlias = SinceMemory | PreviousMemory
 """The memory of an operator of the past."""
 
-_MEMORIES: Final[Mapping[type[SyntaxNode], type[PastMemory]]] = {
-    Historically: SinceMemory,
-    Once: SinceMemory,
-    Since: SinceMemory,
-    Previous: PreviousMemory,
-}
-
 
 def memory_of(formula: PastFormula) -> PastMemory:
     """Return the memory of an operator before the first state."""
-    return _MEMORIES[type(formula)](interval_of(formula))
+    kind = PreviousMemory if isinstance(formula, Previous) else SinceMemory
+    return kind(interval_of(formula))
 
 
 def interval_of(formula: PastFormula) -> Interval:
