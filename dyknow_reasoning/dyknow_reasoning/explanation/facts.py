@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, cast
+from typing import cast
 
 import numpy as np
 
-from dyknow_common import SyntaxNode, format_time
+from dyknow_common import SyntaxNode, format_time, listed
 from dyknow_reasoning.execution import SpatialTruths
 from dyknow_reasoning.language.formula import (
     Comparison,
@@ -26,8 +25,6 @@ from dyknow_reasoning.progression.past_operators import interval_of
 from dyknow_reasoning.progression.routes import Array, distances, passable, reached, route
 
 _MAX_FORMULA_LENGTH = 160
-
-_MOST_NAMES: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +174,7 @@ class SpatialFact:
         """Return which objects are reached at all, and the closest link that is missing."""
         near = np.isfinite(self._distances)
         names = [name for name, is_near in zip(self._objects, near, strict=True) if is_near]
-        others = _listed([name for name in names if name != self._atom.origin])
+        others = listed(name for name in names if name != self._atom.origin)
         found = f'; links lead from it to {others}' if others else '; no link leads from it'
         if self._links.places:
             return found  # More than a number decides who the neighbours are.
@@ -191,8 +188,3 @@ class SpatialFact:
             return found
         least, text = min(gaps)
         return f'{found}, and the next is missing, as {text} = {least}'
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _MOST_NAMES
-    return ', '.join(names[:_MOST_NAMES]) + (f' and {more} more' if more > 0 else '')
