@@ -28,11 +28,9 @@ from dyknow_reasoning.execution import (
     InstanceMonitor,
     InstanceVerdict,
     Outcome,
-    PastValues,
     PossibleFormulas,
     PossibleVerdict,
     Recording,
-    link_lengths,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain, without_states
 from dyknow_reasoning.explanation.remainders import Remainders, possible_text
@@ -91,7 +89,7 @@ class FormulaGroup:
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
-        self._margins = GroupMargins(limits.node_limit, PastValues, link_lengths)
+        self._margins = GroupMargins(limits.node_limit)
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""

@@ -27,7 +27,6 @@ import pytest
 from reasoning_reference import random_cases
 
 from dyknow_reasoning import TrialFormula, check_types, parse_formula
-from dyknow_reasoning.execution import link_lengths
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 
 OBJECTS = ('a', 'b', 'c', 'd', 'e')
@@ -123,7 +122,7 @@ def ours(
         trial = TrialFormula(text, domains)
         parsed = parse_formula(text)
         kinds = check_types(parsed, text)
-        margin = StandingMargin(parsed, kinds, domains, 10_000, links=link_lengths)
+        margin = StandingMargin(parsed, kinds, domains, 10_000)
         margin.keep_all()
         for time, values in enumerate(every):
             margin.step(time, values)

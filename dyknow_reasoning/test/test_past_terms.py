@@ -25,7 +25,6 @@ from test_gaps import Segments, check_sound, fillings, segments, verdict
 
 from dyknow_common import LanguageError, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaResult, TrialFormula, notes_on, parse_formula
-from dyknow_reasoning.execution import PastValues
 from dyknow_reasoning.execution.past import past_comparisons
 from dyknow_reasoning.language.formula import (
     Comparison,
@@ -179,7 +178,7 @@ def test_margins_are_distances(
         distances.append(-np.inf if left is None else distance(operator, left, right))
     expected = min(distances) if positive else min(-each for each in distances)
     formula = parse_formula(f'always ({term})' if positive else f'always not ({term})')
-    margin = FormulaMargin(formula, check_types(formula, ''), {}, 100, PastValues)
+    margin = FormulaMargin(formula, check_types(formula, ''), {}, 100)
     for number, (time, state) in enumerate(trace):
         margin.step(time, state)
         if number % block:
@@ -196,7 +195,7 @@ def distance(operator: str, left: float, right: float) -> float:
 def test_margins_after_a_gap() -> None:
     for text, upper in (('x - prev(x) < 5', 3), ('count(x > 0, 2 s) < 4', 2)):
         formula = parse_formula(f'always[1 ns, inf) {text}')
-        margin = FormulaMargin(formula, check_types(formula, ''), {}, 100, PastValues)
+        margin = FormulaMargin(formula, check_types(formula, ''), {}, 100)
         for time, x in ((0, 1), (1, 3)):
             margin.step(time * SECOND, {'x': x})
         margin.gap()

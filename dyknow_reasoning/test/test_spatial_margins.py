@@ -17,7 +17,6 @@ from spatial_reference import OBJECTS
 from test_spatial import NUMBERS, random_text
 
 from dyknow_reasoning import FormulaGroup, ReasoningError, TrialFormula, check_types, parse_formula
-from dyknow_reasoning.execution import link_lengths
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.margins import building
 from dyknow_reasoning.margins.standing_margin import StandingMargin
@@ -54,9 +53,7 @@ def test_margins_at_each_state(monkeypatch: pytest.MonkeyPatch) -> None:
         text = random_text(random.choice, 3, in_time=False, states=STATES)
         formula = parse_formula(text)
         trial = TrialFormula(text, OBJECTS)
-        found = StandingMargin(
-            formula, check_types(formula, text), OBJECTS, 10_000, links=link_lengths
-        )
+        found = StandingMargin(formula, check_types(formula, text), OBJECTS, 10_000)
         found.keep_all()
         states: list[dict[str, Any]] = [
             {name: random.random() < 0.4 for name in truths}

@@ -10,6 +10,7 @@ from operator import itemgetter
 from typing import TypeAlias, cast
 
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import link_lengths
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -63,7 +64,6 @@ from dyknow_reasoning.margins.robustness import (
 )
 from dyknow_reasoning.margins.spatial_margins import (
     Ends,
-    LinkReader,
     LinkSignal,
     Routes,
     SpatialMargin,
@@ -141,7 +141,6 @@ class MarginBuilder:
         kinds: the kinds of the features of the formula.
         domains: the objects of each sort.
         limit: the most operators; each `<->` doubles the operators of both sides.
-        links: reads the links of spatial operators.
 
     Attributes:
         signals: the margins of the comparisons and other atoms, and of negated ones, and links.
@@ -151,9 +150,7 @@ class MarginBuilder:
         operators: the number of operators that were built, for each object.
     """
 
-    def __init__(
-        self, kinds: Kinds, domains: Domains, limit: int, links: LinkReader | None = None
-    ) -> None:
+    def __init__(self, kinds: Kinds, domains: Domains, limit: int) -> None:
         self.signals: list[StateReader] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
@@ -162,7 +159,6 @@ class MarginBuilder:
         self._kinds = kinds
         self._domains = domains
         self._limit = limit
-        self._links = links
         self._known_links: dict[tuple[GroundLinks, ...], int] = {}
         self._numbers: dict[str, int] = {}
         self._readers: dict[tuple[bool, tuple[int, ...]], Reader] = {}
@@ -249,8 +245,7 @@ class MarginBuilder:
         key = tuple(each.links for each in places)
         if key not in self._known_links:
             self._known_links[key] = len(self.signals)
-            read = cast('LinkReader', self._links)
-            readers = {e.links: read(e, formulas[0], self._kinds) for e in places}
+            readers = {e.links: link_lengths(e, formulas[0], self._kinds) for e in places}
             self.signals.append(LinkSignal([readers[each] for each in key]))
             self.fields.update(str(e) for each in places for part in each for e in fields(part))
         return self._known_links[key]

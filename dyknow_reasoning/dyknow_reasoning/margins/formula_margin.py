@@ -13,10 +13,11 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from math import inf
-from typing import ClassVar, Protocol, TypeAlias, cast
+from typing import ClassVar, cast
 
 from dyknow_common import Margin
-from dyknow_reasoning.language.formula import Comparison, Formula
+from dyknow_reasoning.execution import PastValues
+from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.building import MarginBuilder
 from dyknow_reasoning.margins.comparisons import UNUSABLE, signals_reader
@@ -28,7 +29,6 @@ from dyknow_reasoning.margins.robustness import (
     Robustness,
     as_float,
 )
-from dyknow_reasoning.margins.spatial_margins import LinkReader
 from dyknow_reasoning.margins.windows import Step
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
@@ -39,20 +39,6 @@ _MAX_STEPS = 64
 
 _MAX_WORK = 4096
 """The number of operators times the number of states that are processed together."""
-
-
-class PastTermValues(Protocol):
-    """The values of past terms at each state, by their texts."""
-
-    def extended(self, time: int, values: Values) -> Values:
-        """Return the values of a state and of the past terms."""
-
-    def gap(self) -> None:
-        """Record that states may be missing before the next one."""
-
-
-PastReader: TypeAlias = Callable[[Sequence[Comparison], Kinds], PastTermValues]
-"""Gives the values of the past terms in comparisons without variables."""
 
 
 class MarginBound:
@@ -85,9 +71,7 @@ class BoundedMargins(ABC):
         kinds: the kinds of its features.
         domains: the objects of each sort.
         limit: the most operators.
-        past: reads values of the past; needed for a formula with such values.
         unknown: the features that may be unknown.
-        links: reads the links of spatial operators; needed for a formula with such operators.
 
     Attributes:
         fields: the names of the fields that it reads.
@@ -106,14 +90,12 @@ class BoundedMargins(ABC):
         kinds: Kinds,
         domains: Domains,
         limit: int,
-        past: PastReader | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
-        links: LinkReader | None = None,
     ) -> None:
         self._unknown = unknown
-        builder = MarginBuilder(kinds, domains, limit, links)
+        builder = MarginBuilder(kinds, domains, limit)
         operator = builder.build(formula, every_state=self.every_state)
-        self._past = past(builder.past, kinds) if past and builder.past else None
+        self._past = PastValues(builder.past, kinds) if builder.past else None
         # One for both bounds as long as they depend on the future alone.
         self._bounds = [MarginBound(operator, None)]
         self._steps: list[Step] = []

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dyknow_common import Margin
 from dyknow_reasoning.margins.building import check_margin
-from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargin, PastReader
-from dyknow_reasoning.margins.spatial_margins import LinkReader
+from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargin
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
@@ -18,16 +17,14 @@ class GroupMargins:
 
     Args:
         limit: the limit of the operators of a formula.
-        past: reads values of the past.
-        links: reads the links of spatial operators.
 
     Attributes:
         running: the margins that change with the next state, by formula.
     """
 
-    def __init__(self, limit: int, past: PastReader, links: LinkReader) -> None:
+    def __init__(self, limit: int) -> None:
         self.running: dict[int, BoundedMargins] = {}
-        self._limit, self._past, self._links = limit, past, links
+        self._limit = limit
         self._domains: Domains | None = None
         self._unknown = ALL_KNOWN
         self._latest: int | None = None
@@ -117,5 +114,4 @@ class GroupMargins:
 
     def _margin(self, formula: NamedFormula, domains: Domains) -> BoundedMargins:
         kind = StandingMargin if formula.every_state else FormulaMargin
-        asked = formula.formula, formula.kinds, domains, self._limit
-        return kind(*asked, self._past, self._unknown, self._links)
+        return kind(formula.formula, formula.kinds, domains, self._limit, self._unknown)

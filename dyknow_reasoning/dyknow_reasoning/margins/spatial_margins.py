@@ -15,12 +15,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from dyknow_reasoning.language.spatial import Spatial
-from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.comparisons import UNUSABLE
 from dyknow_reasoning.margins.operators import JunctionMargin
 from dyknow_reasoning.margins.robustness import (
@@ -34,11 +33,7 @@ from dyknow_reasoning.margins.robustness import (
 )
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.routes import Array, distances
-from dyknow_reasoning.progression.spatial_atoms import Places
 from dyknow_reasoning.progression.value_bounds import RangeOf
-
-LinkReader: TypeAlias = Callable[[Places, Spatial, Kinds], Callable[[Values], Array]]
-"""Returns a reader of the lengths of links at a state, infinite where there are none."""
 
 _HIGHEST, _LOWEST = vector([HIGHEST]), vector([LOWEST])
 

@@ -26,9 +26,8 @@ from typing import NamedTuple
 from dyknow_common import Margin
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.margins.formula_margin import BoundedMargins, PastReader
+from dyknow_reasoning.margins.formula_margin import BoundedMargins
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, MarginThreshold, Robustness
-from dyknow_reasoning.margins.spatial_margins import LinkReader
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
@@ -67,11 +66,9 @@ class StandingMargin(BoundedMargins):
         kinds: Kinds,
         domains: Domains,
         limit: int,
-        past: PastReader | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
-        links: LinkReader | None = None,
     ) -> None:
-        super().__init__(formula, kinds, domains, limit, past, unknown, links)
+        super().__init__(formula, kinds, domains, limit, unknown)
         self._states = 0
         # The states without a margin yet, by their numbers; None for a gap.
         self._open: deque[int | None] = deque()
