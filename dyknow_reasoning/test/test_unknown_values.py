@@ -402,6 +402,14 @@ def test_calculations_have_bounds(text: str, expected: Verdict | None) -> None:
     assert verdict(text, state, x=(0, 1), y=(0, 1), C=(0, 1)) is expected
 
 
+def test_bounds_of_sums_are_rounded_as_sums() -> None:
+    """In Python 3.12 `sum` of ten times 0.1 is 1, while a formula adds them to less than 1."""
+    objects = [f'o{number}' for number in range(10)]
+    group = started('sum(C[u] for u in S) >= 1', objects, UnknownFeatures({'C': (0.1, 0.2)}))
+    state = {**{f'C[{name}]': 0.1 for name in objects}, 'C[o3]': None}
+    assert decided(group, [(0, state)]) is None
+
+
 def test_an_undecided_formula_names_what_is_unknown() -> None:
     group = started('always x > 1')
     group.progress(0, {'x': 2})

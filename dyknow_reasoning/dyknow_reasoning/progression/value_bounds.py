@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
-from math import inf, isnan, nextafter, sqrt
-from typing import Any, Final, TypeAlias
+from math import inf, isnan, nextafter
+from typing import Any, TypeAlias
 
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
+from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -27,7 +28,7 @@ from dyknow_reasoning.progression.atoms import (
     predicate,
     term_reader,
 )
-from dyknow_reasoning.progression.functions import hypotenuse
+from dyknow_reasoning.progression.functions import call_function, hypotenuse
 from dyknow_reasoning.progression.unknown_features import (
     ANY_NUMBER,
     Range,
@@ -130,13 +131,13 @@ def _counted(atoms: Sequence[Any], values: Values, range_of: RangeOf, kinds: Kin
 def _called(name: str, ranges: Sequence[Range]) -> Range:
     lows, highs = zip(*ranges, strict=True)
     match name:
-        case 'min' | 'max' | 'sum':
-            ends = _MONOTONE[name](lows), _MONOTONE[name](highs)
-            return ANY_NUMBER if any(map(isnan, ends)) else ends
+        case 'min' | 'max' | 'sum' | 'sqrt':  # None of them decreases.
+            try:
+                return call_function(name, lows), call_function(name, highs)
+            except ReasoningError:
+                return ANY_NUMBER
         case 'abs':
             return _absolute(ranges[0])
-        case 'sqrt':
-            return (sqrt(lows[0]), sqrt(highs[0])) if lows[0] >= 0 else ANY_NUMBER
         case 'hypot':
             least, most = zip(*map(_absolute, ranges), strict=True)
             return nextafter(hypotenuse(*least), 0), nextafter(hypotenuse(*most), inf)
@@ -149,6 +150,3 @@ def _called(name: str, ranges: Sequence[Range]) -> Range:
 def _absolute(bounds: Range) -> Range:
     low, high = bounds
     return (0 if low <= 0 <= high else min(abs(low), abs(high))), max(abs(low), abs(high))
-
-
-_MONOTONE: Final[Mapping[str, Callable[[Any], float]]] = {'min': min, 'max': max, 'sum': sum}
