@@ -176,6 +176,7 @@ class _Explainer:
         self._progression.begin(moment.symbol, self._times, self._kept)
         # Finds what past operators are at this state.
         self._progression.advance(before.node, fresh=before.is_fresh)
+        self._progressed = self._progression.progress
         self._atoms = before.instance.atoms
         self._written_atoms = written_atoms(before.instance)
         self._intervals = _intervals(before.instance.node)
@@ -195,9 +196,6 @@ class _Explainer:
     @cached_property
     def _wording(self) -> Wording:
         return wording_of(self._before.instance)
-
-    def _progressed(self, node: Node, *, fresh: bool) -> Node:
-        return self._progression.progress(node, fresh=fresh)
 
     def _reasons(self, node: Node, *, fresh: bool) -> list[str]:
         """Return the reasons why the state decides a node."""
@@ -414,7 +412,9 @@ def _order(left: Value, right: Value) -> tuple[bool, bool]:
 def _with_value(term: Term, value: Value) -> str:
     text = str(as_written(term))
     match term, value:
-        case Number(quantity=Quantity() as given), int() | float() if given != term.in_its_unit:
+        case Number(quantity=Quantity() as given), int() | float() if given != Quantity(
+            term.value, term.unit
+        ):
             return f'{ShownQuantity(value, term.unit)} ({text})'
         case Number() | TextLiteral() | Truth(), _:
             return text

@@ -202,22 +202,16 @@ class Once(_Temporal):
 
 
 @dataclass(frozen=True, slots=True)
-class _Prefixed(SyntaxNode):
+class Previous(SyntaxNode):
+    """The body at the state before; false at the first state."""
+
     body: Formula
-    symbol: ClassVar[str]
-    usage: ClassVar[str]
+    symbol: ClassVar[str] = 'previous'
+    usage: ClassVar[str] = 'previous F: F at the state before'
     part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         return f'{self.symbol} {operand_text(self.body)}'
-
-
-@dataclass(frozen=True, slots=True)
-class Previous(_Prefixed):
-    """The body at the state before; false at the first state."""
-
-    symbol: ClassVar[str] = 'previous'
-    usage: ClassVar[str] = 'previous F: F at the state before'
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,7 +394,10 @@ def balanced(node: Any) -> Any:
     """Return a formula whose flat parts nest less deep: `(a and b) and (c and d)`."""
     if _chain(node) is None:
         return with_changed_parts(node, balanced)
-    return _joined(node, list(map(balanced, flat_parts(node))))
+    return _tree(
+        list(map(balanced, flat_parts(node))),
+        lambda left, right: replace(node, left=left, right=right, position=left.position),
+    )
 
 
 def _chain(node: Formula | Term) -> str | None:
@@ -409,12 +406,11 @@ def _chain(node: Formula | Term) -> str | None:
     return operator if operator in {'and', 'or', '+'} else None
 
 
-def _joined(node: Any, operands: Sequence[Any]) -> Any:
+def _tree(operands: Sequence[Any], join: Callable[[Any, Any], Any]) -> Any:
     if len(operands) == 1:
         return operands[0]
     middle = len(operands) // 2
-    left, right = _joined(node, operands[:middle]), _joined(node, operands[middle:])
-    return replace(node, left=left, right=right, position=left.position)
+    return join(_tree(operands[:middle], join), _tree(operands[middle:], join))
 
 
 def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
@@ -436,10 +432,8 @@ def _changed(part: Any, change: Callable[[Any], Any]) -> Any:
 
 def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
     """Return members in a balanced tree, which functions may recurse over."""
-    if len(members) < 2:  # noqa: PLR2004 - nothing to join
-        return members[0] if members else Truth(kind is And)
-    middle = len(members) // 2
-    return kind(joined(members[:middle], kind), joined(members[middle:], kind))
+    found: Formula = _tree(members, kind) if members else Truth(kind is And)
+    return found
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:

@@ -56,11 +56,6 @@ class Number(SyntaxNode):
     def __str__(self) -> str:
         return repr(self.value)
 
-    @property
-    def in_its_unit(self) -> Quantity:
-        """The number with the unit that it was converted to."""
-        return Quantity(self.value, self.unit)
-
 
 @dataclass(frozen=True, slots=True)
 class TextLiteral(SyntaxNode):

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from dyknow_common import COMPARISONS, TEXT_COMPARISONS
+from dyknow_common import TEXT_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import NEGATED_COMPARISONS, Atom, Comparison
-from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Object
+from dyknow_reasoning.language.terms import Feature, FieldReference, Number
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, vector
 from dyknow_reasoning.progression.atoms import (
@@ -257,9 +257,6 @@ def _truth(atom: Atom, kinds: Kinds, *, positive: bool) -> MarginReader:
 
 
 def _comparison(atom: Comparison, kinds: Kinds, number: int) -> MarginReader:
-    if isinstance(atom.left, Object) and isinstance(atom.right, Object):
-        same = HIGHEST if COMPARISONS[atom.operator](atom.left.name, atom.right.name) else LOWEST
-        return lambda _: same
     left, right = term_reader(atom.left, kinds), term_reader(atom.right, kinds)
     distance, truth = _DISTANCES[atom.operator], _truth(atom, kinds, positive=True)
 

@@ -316,18 +316,13 @@ class TemporalMargin(MarginOperator):
         self._waiting: deque[Step] = deque()
         self._now: float = -inf
 
-    @property
-    def body(self) -> MarginOperator:
-        """The operator of the formula in the window."""
-        return self.parts[0]
-
     def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Return the margins of the states whose windows are complete."""
         open_, states, waiting, window = self._open, self._states, self._waiting, self._window
         open_.extend(_until(steps, self._needed + self._horizon))
         needed = _until(steps, self._needed)
         states.extend([None if signals is None else first for first, _, signals in needed])
-        known = self.body.step(steps, assumption)
+        known = self.parts[0].step(steps, assumption)
         begun = zip(open_, known, strict=False)
         waiting.extend([(first, last, margin) for (first, last, _), margin in begun])
         del open_[: len(known)]
@@ -361,7 +356,7 @@ class TemporalMargin(MarginOperator):
         """Return the margins that are not known yet."""
         if not self._states:
             return ()
-        return self._margins(self.body.open_margins(threshold), threshold.unknown)
+        return self._margins(self.parts[0].open_margins(threshold), threshold.unknown)
 
     def _is_open(self, state: int, end: float) -> bool:  # noqa: ARG002
         """Return True if the state depends on a margin that is not known yet.
@@ -382,7 +377,7 @@ class TemporalMargin(MarginOperator):
         if self._first_end(self._window.latest_reaching(threshold)) > self._now:
             return ()
         return self._margins(
-            self.body.open_margins(threshold), threshold.unknown, self._now - self.end
+            self.parts[0].open_margins(threshold), threshold.unknown, self._now - self.end
         )
 
     def _first_end(self, reached: float) -> float:
@@ -403,7 +398,7 @@ class TemporalMargin(MarginOperator):
         """
         window, found = self._window.copied(), list[Any]()
         open_ = chain(self._open, [(cast('int', self._now) + 1, inf, None)])
-        margins = chain(inner, repeat(self.body.unknown_margin(unknown)))
+        margins = chain(inner, repeat(self.parts[0].unknown_margin(unknown)))
         steps = deque(self._waiting)
         pairs = zip(open_, margins, strict=False)
         steps.extend((first, last, margin) for (first, last, _), margin in pairs)
@@ -430,7 +425,7 @@ class ExtremumMargin(TemporalMargin):
         if threshold.unknown == window.order.decisive:
             # A window that has not ended has an unknown margin.
             return self._margins_of_ended(threshold)
-        inner, known = self.body.open_margins(threshold), window.margin(cast('int', states[0]))
+        inner, known = self.parts[0].open_margins(threshold), window.margin(cast('int', states[0]))
         if not self._waiting and all(map(threshold.reached_by, [known, *inner])):
             return ()
         return self._margins(inner, threshold.unknown)
@@ -439,14 +434,14 @@ class ExtremumMargin(TemporalMargin):
         """Return when an open window ends, or when a margin of the body falls short."""
         if threshold.unknown != self._window.order.decisive:
             # Margins before the latest state can be in the window of a later one.
-            return -inf if self.start < 0 else self.body.stable_until(threshold)
+            return -inf if self.start < 0 else self.parts[0].stable_until(threshold)
         reached = self._window.latest_reaching(threshold)
         end = self._first_end(reached)
         if end > self._now or self.end < 0:
             return end
         # Windows that have ended reach the threshold by margins that are not known yet.
         open_end = self._first_end(max(reached, self._latest_open(threshold)))
-        return min(open_end, self.body.stable_until(threshold))
+        return min(open_end, self.parts[0].stable_until(threshold))
 
     def _is_open(self, state: int, end: float) -> bool:
         # Steps before the window do not matter.
@@ -455,7 +450,7 @@ class ExtremumMargin(TemporalMargin):
 
     def _latest_open(self, threshold: MarginThreshold) -> float:
         """Return the time of the latest unknown margin of the body that reaches it."""
-        inner = self.body.open_margins(threshold)
+        inner = self.parts[0].open_margins(threshold)
         if len(inner) < len(self._open):
             return self._open[-1][1]
         pairs = zip(reversed(self._open), reversed(inner), strict=False)
@@ -467,7 +462,7 @@ class UntilMargin(TemporalMargin):
 
     def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
         """Return the margins that are not known yet, until all that follow reach the threshold."""
-        window, sides = cast('UntilWindow', self._window), cast('PairMargin', self.body)
+        window, sides = cast('UntilWindow', self._window), cast('PairMargin', self.parts[0])
         if (
             self._states
             and threshold.unknown == window.order.decisive
@@ -480,7 +475,7 @@ class UntilMargin(TemporalMargin):
 
     def stable_until(self, threshold: MarginThreshold) -> float:
         """Return when an open window ends, or when a margin of the side that counts falls short."""
-        window, sides = cast('UntilWindow', self._window), cast('PairMargin', self.body)
+        window, sides = cast('UntilWindow', self._window), cast('PairMargin', self.parts[0])
         left, right = sides.parts
         if threshold.unknown != window.order.decisive:
             return right.stable_until(threshold) if left.is_immediate else -inf
