@@ -63,7 +63,7 @@ from dyknow_reasoning.progression.sizes import (
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import FormulaResult, NamedFormula
 from dyknow_reasoning.standing import NONE_OMITTED, StandingFormula, StandingFormulas
-from dyknow_reasoning.uncertain import WatchedFormulas
+from dyknow_reasoning.uncertain import UncertainFormula, meeting
 
 _MAX_NODES = 10_000
 DEFAULT_LIMITS = FormulaLimits()
@@ -94,7 +94,8 @@ class FormulaGroup:
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
         self._possible = PossibleFormulas(limits)
-        self._watched = WatchedFormulas()
+        # May meet alternatives.
+        self._uncertain: dict[int, UncertainFormula] = {}
         self._undecided: set[int] = set()
         self.waiting: dict[int, int] = {}
         """The valid times before which formulas do not begin, in nanoseconds, until they do."""
@@ -291,7 +292,7 @@ class FormulaGroup:
 
     def _progress_alternatives(self, valid_time: int, values: Values) -> list[FormulaResult]:
         """Progress over values that have alternatives."""
-        met = self._watched.meet(values)
+        met = meeting(self._uncertain, values)
         for formula_id in met.dependent:
             self._margins.forget(formula_id)
             self.standing.forget_margins(formula_id)
@@ -492,7 +493,7 @@ class FormulaGroup:
         histories = self._monitor.histories
         instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
-        self._watched.watch(formula_id, named, instances, domains)
+        self._uncertain[formula_id] = UncertainFormula(named, instances, domains)
         if named.every_state:
             given = formula_id, named, self._counts, instances, histories, self._limits
             standing = StandingFormula(*given, self._margins.standing(formula_id))
@@ -594,5 +595,5 @@ class FormulaGroup:
         self._undecided.discard(formula_id)
         self.waiting.pop(formula_id, None)
         self._possible.remove(formula_id)
-        self._watched.remove(formula_id)
+        self._uncertain.pop(formula_id, None)
         self._monitor.histories.release([formula_id])

@@ -47,7 +47,7 @@ from dyknow_reasoning.trial import asked_of_each_state
 
 
 @dataclass(frozen=True)
-class _Watched:
+class UncertainFormula:
     """A formula that may meet alternatives.
 
     Args:
@@ -170,39 +170,19 @@ class Meeting:
             )
 
 
-class WatchedFormulas:
-    """The formulas of a group that may meet alternatives, by their ids."""
-
-    def __init__(self) -> None:
-        self._watched: dict[int, _Watched] = {}
-
-    def watch(
-        self,
-        formula_id: int,
-        named: NamedFormula,
-        instances: Sequence[Instance],
-        domains: Domains,
-    ) -> None:
-        """Look out for alternatives of the features of a formula."""
-        self._watched[formula_id] = _Watched(named, instances, domains)
-
-    def remove(self, formula_id: int) -> None:
-        """Remove a formula."""
-        self._watched.pop(formula_id, None)
-
-    def meet(self, values: Values) -> Meeting:
-        """Return which formulas the alternatives of a state make a difference to."""
-        met = Meeting()
-        for formula_id, watched in self._watched.items():
-            if not (reason := watched.reason(values)):
-                continue
-            met.dependent.append(formula_id)
-            if not watched.differs(values):
-                continue
-            if error := watched.refusal(reason):
-                met.failures[formula_id] = error
-            elif watched.is_asked_of_states:
-                met.omitted[formula_id] = reason
-            else:
-                met.differing[formula_id] = reason
-        return met
+def meeting(watched: Mapping[int, UncertainFormula], values: Values) -> Meeting:
+    """Return which formulas, by their ids, the alternatives of a state make a difference to."""
+    met = Meeting()
+    for formula_id, formula in watched.items():
+        if not (reason := formula.reason(values)):
+            continue
+        met.dependent.append(formula_id)
+        if not formula.differs(values):
+            continue
+        if error := formula.refusal(reason):
+            met.failures[formula_id] = error
+        elif formula.is_asked_of_states:
+            met.omitted[formula_id] = reason
+        else:
+            met.differing[formula_id] = reason
+    return met

@@ -37,11 +37,18 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.spatial import Over, Spatial
+from dyknow_reasoning.language.symbols import Binding, with_objects
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth, Variable
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.language.writing import as_written
-from dyknow_reasoning.margins.comparisons import AtomMargins, SignedAtom, StateReader, limit_of
+from dyknow_reasoning.margins.comparisons import (
+    AtomMargins,
+    LinkSignal,
+    SignedAtom,
+    StateReader,
+    limit_of,
+)
 from dyknow_reasoning.margins.operators import (
     ExtremumMargin,
     JunctionMargin,
@@ -64,7 +71,6 @@ from dyknow_reasoning.margins.robustness import (
 )
 from dyknow_reasoning.margins.spatial_margins import (
     Ends,
-    LinkSignal,
     Routes,
     SpatialMargin,
 )
@@ -76,7 +82,6 @@ from dyknow_reasoning.progression.instances import (
     objects_of,
     with_origin,
 )
-from dyknow_reasoning.progression.shown_objects import Binding, with_objects
 from dyknow_reasoning.progression.spatial_atoms import GroundLinks, linked_objects, linked_places
 
 _ATOMS = Feature, FieldReference, Comparison

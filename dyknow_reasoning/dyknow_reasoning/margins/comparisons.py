@@ -11,7 +11,7 @@ from itertools import product
 from math import inf, isfinite, isnan
 from operator import itemgetter
 from struct import Struct
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from dyknow_reasoning.progression.atoms import (
     predicate,
     term_reader,
 )
+from dyknow_reasoning.progression.routes import Array
 from dyknow_reasoning.progression.unknown_features import ANY_NUMBER
 from dyknow_reasoning.progression.value_bounds import RangeOf, bounded_sides
 
@@ -49,22 +50,6 @@ _DISTANCES: dict[str, Callable[[Any, Any], Any]] = {
 
 _EXACT_LIMIT = 1 << 53
 """Integers up to this one are exact as floats."""
-
-
-class StateReader(Protocol):
-    """Reader of a signal (a margin, a link) that the operators of a formula need of a state."""
-
-    def read(self, values: Values) -> Any:
-        """Return the signal at a state; raise `UNUSABLE`."""
-
-    def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
-        """Return the signal at a state, or a bound of it if the values are unusable.
-
-        Args:
-            values: the values of the features; an UnknownValueError for an unknown value.
-            unknown: the least margin for a lower bound, the greatest margin for an upper bound.
-            range_of: returns the bounds of an unknown feature.
-        """
 
 
 class SignedAtom(NamedTuple):
@@ -102,7 +87,13 @@ class AtomMargins:
         self.read = readers[0] if len(readers) == 1 else _array_reader(readers, limits, numbers)
 
     def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
-        """Return the margin at a state, or a bound of it where the values are unusable."""
+        """Return the margin at a state, or a bound of it where the values are unusable.
+
+        Args:
+            values: the values of the features; an UnknownValueError for an unknown value.
+            unknown: the least margin for a lower bound, the greatest margin for an upper bound.
+            range_of: returns the bounds of an unknown feature.
+        """
         found = []
         for read, bounds, number in zip(self._readers, self._bounded, self.numbers, strict=True):
             try:
@@ -113,6 +104,33 @@ class AtomMargins:
                 infinite = HIGHEST if bound > 0 else LOWEST
                 found.append((bound, number) if isfinite(bound) else infinite)
         return found[0] if len(found) == 1 else vector(found)
+
+
+class LinkSignal:
+    """The lengths of links at a state.
+
+    Args:
+        readers: read the lengths, one reader for each choice of other objects.
+    """
+
+    def __init__(self, readers: Sequence[Callable[[Values], Array]]) -> None:
+        self._readers = readers
+
+    def read(self, values: Values) -> list[Array]:
+        """Return the lengths; raise ReasoningError where values are unusable."""
+        known = {each: each(values) for each in self._readers}
+        return [known[each] for each in self._readers]
+
+    def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:  # noqa: ARG002
+        """Return the lengths, or the margin of all operators over unusable ones."""
+        try:
+            return self.read(values)
+        except UNUSABLE:
+            return unknown
+
+
+StateReader: TypeAlias = AtomMargins | LinkSignal
+"""Reader of a signal that the operators of a formula need of a state."""
 
 
 def signals_reader(signals: Sequence[StateReader]) -> Callable[[Values], Sequence[Any]]:

@@ -20,45 +20,18 @@ from typing import Any
 import numpy as np
 
 from dyknow_reasoning.language.spatial import Spatial
-from dyknow_reasoning.margins.comparisons import UNUSABLE
 from dyknow_reasoning.margins.operators import JunctionMargin
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
     LOWEST,
     MarginThreshold,
-    Robustness,
     of_all,
     scalar,
     vector,
 )
-from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.routes import Array, distances
-from dyknow_reasoning.progression.value_bounds import RangeOf
 
 _HIGHEST, _LOWEST = vector([HIGHEST]), vector([LOWEST])
-
-
-class LinkSignal:
-    """The lengths of links at a state.
-
-    Args:
-        readers: read the lengths, one reader for each choice of other objects.
-    """
-
-    def __init__(self, readers: Sequence[Callable[[Values], Array]]) -> None:
-        self._readers = readers
-
-    def read(self, values: Values) -> list[Array]:
-        """Return the lengths; raise ReasoningError where values are unusable."""
-        known = {each: each(values) for each in self._readers}
-        return [known[each] for each in self._readers]
-
-    def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:  # noqa: ARG002
-        """Return the lengths, or the margin of all operators over unusable ones."""
-        try:
-            return self.read(values)
-        except UNUSABLE:
-            return unknown
 
 
 class SpatialMargin(JunctionMargin):

@@ -46,7 +46,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.spatial import Over, Spatial, SpatialAtom
-from dyknow_reasoning.language.symbols import feature_symbol
+from dyknow_reasoning.language.symbols import Binding, feature_symbol, with_objects
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Feature,
@@ -84,7 +84,6 @@ from dyknow_reasoning.progression.nodes import (
 )
 from dyknow_reasoning.progression.past_operators import is_dual
 from dyknow_reasoning.progression.residual import Wording, holds_at_the_end
-from dyknow_reasoning.progression.shown_objects import Binding, with_objects
 from dyknow_reasoning.progression.spatial_atoms import spatial_formula
 from dyknow_reasoning.progression.thresholds import Thresholds
 
