@@ -60,33 +60,49 @@ def check_types(formula: Formula, text: str) -> Kinds:
     """
     checker = _TypeChecker(
         {
-            str(node): _Use(kind, node.position)
+            str(node): kind
             for node in walk(formula)
             if isinstance(node, terms.FieldReference) and (kind := _computed_kind(node))
-        }
+        },
+        {},
     )
     with LANGUAGE.errors_in(text):
         checker.check_names(formula)
         checker.check_variables(formula, {})
         checker.infer_kinds(formula)
-    return {name: use.kind for name, use in checker.uses.items()}
+    return checker.kinds
+
+
+def kind_of(term: Term, kinds: Kinds) -> Kind | None:
+    """Return the kind of the values of a term; None if the formula does not determine it."""
+    match valued(term):
+        case terms.TextLiteral():
+            return Kind.STRING
+        case terms.Truth():
+            return Kind.BOOLEAN
+        case terms.Object() | terms.Variable():
+            return Kind.OBJECT
+        case terms.Feature() | terms.FieldReference() as feature:
+            return kinds.get(_name(feature))
+        case _:
+            return Kind.NUMBER
 
 
 _Wanted: TypeAlias = tuple[Any, Kind, str]
 """A term, the kind that it must have, and its purpose."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Use:
-    kind: Kind
-    position: TextPosition
-
-
 @dataclass(slots=True)
 class _TypeChecker:
-    """A check of one formula; its methods raise `PositionedError`."""
+    """A check of one formula; its methods raise `PositionedError`.
 
-    uses: dict[str, _Use]
+    Args:
+        kinds: the kinds of features that are known, by name.
+        uses: where the others were found to have their kinds.
+    """
+
+    kinds: dict[str, Kind]
+    uses: dict[str, TextPosition]
 
     def check_names(self, formula: Formula) -> None:
         """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
@@ -129,44 +145,28 @@ class _TypeChecker:
         for node in walk(formula):
             if isinstance(node, syntax.Comparison) and node.operator not in TEXT_COMPARISONS:
                 self._infer_equality(node)
-                for side in map(_valued, (node.left, node.right)):
+                for side in map(valued, (node.left, node.right)):
                     if isinstance(side, terms.Feature | terms.FieldReference):
                         comparisons[_name(side)].append(node)
-        pending = list(self.uses)
+        pending = list(self.kinds)
         for name in pending:  # The list grows in the loop.
             for comparison in comparisons[name]:
-                known = len(self.uses)
+                known = len(self.kinds)
                 self._infer_equality(comparison)
-                if len(self.uses) > known:
-                    pending.append(next(reversed(self.uses)))
+                if len(self.kinds) > known:
+                    pending.append(next(reversed(self.kinds)))
 
     def _infer_equality(self, node: syntax.Comparison) -> None:
-        left, right = self._kind(node.left), self._kind(node.right)
+        left, right = kind_of(node.left, self.kinds), kind_of(node.right, self.kinds)
         if left is not None:
             self._require(node.right, left, self._comparison_with(node.left))
         elif right is not None:
             self._require(node.left, right, self._comparison_with(node.right))
 
-    def _kind(self, term: Term) -> Kind | None:
-        match term:
-            case terms.ValueBefore(body) | terms.Kept(body=body):
-                return self._kind(body)
-            case _ if isinstance(term, terms.NumericTerm):
-                return Kind.NUMBER
-            case terms.TextLiteral():
-                return Kind.STRING
-            case terms.Truth():
-                return Kind.BOOLEAN
-            case terms.Object() | terms.Variable():
-                return Kind.OBJECT
-            case terms.Feature() | terms.FieldReference():
-                use = self.uses.get(_name(term))
-                return use.kind if use else None
-
     def _require(self, term: Term, kind: Kind, purpose: str) -> None:
-        known, term = self._kind(term), _valued(term)
+        known, term = kind_of(term, self.kinds), valued(term)
         if known is None:
-            self.uses[_name(term)] = _Use(kind, term.position)
+            self.kinds[_name(term)], self.uses[_name(term)] = kind, term.position
         elif known is not kind:
             raise PositionedError(
                 f"'{term}' is {_article(known)}{self._evidence(term)}; "
@@ -179,9 +179,7 @@ class _TypeChecker:
 
     def _evidence(self, term: Term) -> str:
         use = self.uses.get(_name(term))
-        if isinstance(term, terms.FieldReference) and _computed_kind(term):
-            return ''
-        return f' (from its use at {use.position})' if use else ''
+        return f' (from its use at {use})' if use else ''
 
 
 def _place(wanted: _Wanted) -> tuple[int, int]:
@@ -293,7 +291,7 @@ def _check_object(node: terms.Object, variables: set[str], sorts: set[str]) -> N
 
 
 def _check_before(node: terms.ValueBefore | terms.Kept) -> None:
-    if isinstance(_valued(node), terms.Object | terms.Variable):
+    if isinstance(valued(node), terms.Object | terms.Variable):
         message = f"'{node.body}' is an object, which is the same at every state"
         correction = 'write its name' if isinstance(node, terms.Kept) else 'leave out the prev()'
         raise PositionedError(f'{message}; {correction}', node.position)
@@ -359,9 +357,9 @@ def _computed_kind(reference: terms.FieldReference) -> Kind | None:
     return Kind.STRING if field.function in TEXTUAL else Kind.BOOLEAN
 
 
-def _valued(term: Term) -> Term:
+def valued(term: Term) -> Term:
     """Return the term whose present or earlier value a term is."""
-    return _valued(term.body) if isinstance(term, terms.ValueBefore | terms.Kept) else term
+    return valued(term.body) if isinstance(term, terms.ValueBefore | terms.Kept) else term
 
 
 def _name(term: Term) -> str:

@@ -28,9 +28,8 @@ from dyknow_reasoning.language.terms import (
     Term,
     TextLiteral,
     Truth,
-    ValueBefore,
 )
-from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.language.type_checking import Kind, Kinds, kind_of
 from dyknow_reasoning.progression.functions import call_function
 
 Values: TypeAlias = Mapping[str, Value]
@@ -166,20 +165,7 @@ def _present_fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
 
 def has_unknown_kind(atom: Comparison, kinds: Kinds) -> bool:
     """Return True if only the values show the kind of a side of a comparison."""
-    return any(
-        isinstance(side, Feature | FieldReference) and kind_of(side, kinds) is None
-        for side in map(_present, (atom.left, atom.right))
-    )
-
-
-def _present(term: Term) -> Term:
-    """Return the term whose earlier value a term is; the term itself if it has no `prev`."""
-    return _present(term.body) if isinstance(term, ValueBefore) else term
-
-
-def kind_of(term: Feature | FieldReference, kinds: Kinds) -> Kind | None:
-    """Return the kind of the values of a feature; None if the formula does not determine it."""
-    return kinds.get(term.name if isinstance(term, Feature) else str(term))
+    return None in {kind_of(side, kinds) for side in (atom.left, atom.right)}
 
 
 def _compare_same_kind(atom: Comparison, left: Reader, right: Reader) -> Predicate:

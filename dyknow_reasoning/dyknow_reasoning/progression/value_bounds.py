@@ -18,13 +18,11 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Function,
-    Number,
     Term,
 )
-from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.language.type_checking import Kind, Kinds, kind_of
 from dyknow_reasoning.progression.atoms import (
     CALCULATE,
-    kind_of,
     predicate,
     term_reader,
 )
@@ -71,18 +69,12 @@ def bounded_sides(
 
     Arguments as of `bounded_truth`.
     """
-    if atom.operator not in MIRRORED_COMPARISONS or not _are_numbers(atom, kinds):
+    sides = atom.left, atom.right
+    are_numbers = Kind.NUMBER in {kind_of(each, kinds) for each in sides}  # Of one, so of both.
+    if atom.operator not in MIRRORED_COMPARISONS or not are_numbers:
         return None
-    left, right = (_bounds(each, values, range_of, kinds) for each in (atom.left, atom.right))
+    left, right = (_bounds(each, values, range_of, kinds) for each in sides)
     return left, right
-
-
-def _are_numbers(atom: Comparison, kinds: Kinds) -> bool:
-    return all(
-        isinstance(each, Arithmetic | Function | Number)
-        or (isinstance(each, Feature | FieldReference) and kind_of(each, kinds) is Kind.NUMBER)
-        for each in (atom.left, atom.right)
-    ) or any(isinstance(each, Arithmetic | Function) for each in (atom.left, atom.right))
 
 
 def _bounds(term: Term | Comparison, values: Values, range_of: RangeOf, kinds: Kinds) -> Range:

@@ -12,14 +12,13 @@ from typing import Any, TypeAlias
 from dyknow_common import Value
 from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Term, TextLiteral
-from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.language.type_checking import Kind, Kinds, kind_of
 from dyknow_reasoning.progression.atoms import (
     MAX_GENERATED,
     Predicate,
     Values,
     field_name,
     generated_reader,
-    kind_of,
     predicate,
 )
 from dyknow_reasoning.progression.nodes import slots
@@ -42,6 +41,9 @@ _CODE = {
     'contains': '{1} in {0}',
     'starts with': '{0}.startswith({1})',
 }
+
+_READ = Number, TextLiteral, Feature, FieldReference
+"""The terms that generated code reads."""
 
 
 def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
@@ -135,14 +137,15 @@ class _ReaderCode:
         """Return an expression for an atom; None if a predicate must evaluate it."""
         if not isinstance(atom, Comparison):
             return self._field(atom, Kind.BOOLEAN)
-        sides = {_kind(side, self._kinds) for side in (atom.left, atom.right)}
-        if sides not in ({Kind.NUMBER}, {Kind.STRING}):
+        sides = atom.left, atom.right
+        kinds = {kind_of(each, self._kinds) if isinstance(each, _READ) else None for each in sides}
+        if kinds not in ({Kind.NUMBER}, {Kind.STRING}):
             return None
         left, right = self._term(atom.left), self._term(atom.right)
         return _CODE[atom.operator].format(left, right)
 
     def _term(self, term: Term) -> str:
-        kind = _kind(term, self._kinds)
+        kind = kind_of(term, self._kinds)
         if isinstance(term, Feature | FieldReference) and kind:
             return self._field(term, kind)
         return self._name(_literal(term))
@@ -157,15 +160,3 @@ def _literal(term: Term) -> Value | None:
         is_exact = abs(term.value) < 1 << 53 or isinstance(term.value, float)
         return float(term.value) if is_exact else term.value
     return term.value if isinstance(term, TextLiteral) else None
-
-
-def _kind(term: Term, kinds: Kinds) -> Kind | None:
-    match term:
-        case Number():
-            return Kind.NUMBER
-        case TextLiteral():
-            return Kind.STRING
-        case Feature() | FieldReference():
-            return kind_of(term, kinds)
-        case _:
-            return None

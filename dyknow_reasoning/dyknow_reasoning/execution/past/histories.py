@@ -40,8 +40,8 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.spatial import SpatialAtom
 from dyknow_reasoning.language.terms import Truth
-from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import Values, fields, kind_of
+from dyknow_reasoning.language.type_checking import Kinds, kind_of
+from dyknow_reasoning.progression.atoms import Values, fields
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore

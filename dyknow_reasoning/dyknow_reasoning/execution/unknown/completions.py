@@ -23,13 +23,10 @@ from dyknow_reasoning.language.terms import (
     Number,
     Object,
     StateCount,
-    Term,
     TextLiteral,
     Truth,
-    ValueBefore,
 )
-from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import kind_of
+from dyknow_reasoning.language.type_checking import Kind, Kinds, kind_of, valued
 from dyknow_reasoning.progression.unknown_features import Range, UnknownFeatures, UnknownValueError
 
 _Literals = Number | TextLiteral | Truth | Object
@@ -90,7 +87,7 @@ class Completions:
             case Feature() | FieldReference() as truth:
                 self._kinds[str(truth)] = Kind.BOOLEAN
             case Comparison(symbol, left, right):
-                sides = _present(left), _present(right)
+                sides = valued(left), valued(right)
                 for feature, operator, other in (
                     (sides[0], symbol, sides[1]),
                     (sides[1], MIRRORED_COMPARISONS.get(symbol, symbol), sides[0]),
@@ -151,16 +148,11 @@ def is_exact(atom: Atom, kinds: Kinds) -> bool:
         case PastAtom(Comparison(_, left, right)):
             sides = left, right
             return any(isinstance(each, _Literals) for each in sides) and all(
-                isinstance(_present(each), Feature | FieldReference | _Literals | StateCount)
+                isinstance(valued(each), Feature | FieldReference | _Literals | StateCount)
                 for each in sides
             )
         case _:
             return True  # The operands of other past operators have atoms of their own.
-
-
-def _present(term: Term) -> Term:
-    """Return the term whose earlier value a term is; the term itself if it has no `prev`."""
-    return _present(term.body) if isinstance(term, ValueBefore) else term
 
 
 def _numbers(pins: Iterable[Any], bounds: Range) -> Sequence[float]:

@@ -28,14 +28,13 @@ from dyknow_reasoning.language.terms import (
     TextLiteral,
     Truth,
 )
-from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.language.type_checking import Kind, Kinds, kind_of
 from dyknow_reasoning.progression.atoms import (
     CALCULATE,
     Values,
     field_name,
     fields,
     has_unknown_kind,
-    kind_of,
 )
 from dyknow_reasoning.progression.functions import EXACT, call_function_on_vectors
 from dyknow_reasoning.progression.instances import Instance
