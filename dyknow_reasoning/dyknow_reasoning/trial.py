@@ -135,7 +135,8 @@ class TrialFormula:
         """Return all choices among the alternatives of values that it depends on."""
         own = {name: values[name] for name in self._names & values.keys()}
         reasons = [each.reason for each in own.values() if isinstance(each, Alternatives)]
-        if reasons and self._histories.registers:
+        registers = self._histories.registers.values()
+        if reasons and any(each.atom.depends_on_others for each in registers):
             raise ReasoningError(f'{reasons[0]}: too much for a formula that looks into the past')
         try:
             return choices(own)

@@ -138,9 +138,10 @@ def test_what_needs_more_than_the_states_is_refused(text: str, said: str) -> Non
         TrialFormula(text, OBJECTS)
 
 
-def test_a_formula_holds_for_all_alternatives_of_values() -> None:
+@pytest.mark.parametrize('wide', ['gap > 2', 'P(normal(gap, 1) > 2) > 0.5'])
+def test_a_formula_holds_for_all_alternatives_of_values(wide: str) -> None:
     either = Alternatives.of((1.0, 3.0), 'the clocks of a and b differ')
-    formula = TrialFormula('speed < 0.5 or gap > 2', {})
+    formula = TrialFormula(f'speed < 0.5 or {wide}', {})
     assert formula.holds(1, {'speed': 0.1, 'gap': either, 'other': either})
     assert not formula.holds(1, {'speed': 0.6, 'gap': either})
     assert formula.holds(1, {'speed': 0.6, 'gap': 3.0, 'other': either})
