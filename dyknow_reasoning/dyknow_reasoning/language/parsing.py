@@ -59,8 +59,7 @@ from dyknow_reasoning.language.spatial import (
     Spatial,
     compared_number,
 )
-from dyknow_reasoning.language.spatial_checks import with_links
-from dyknow_reasoning.language.symbols import resolve
+from dyknow_reasoning.language.symbols import resolve, with_links
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.uncertain_features import (
     check_limits,
