@@ -42,6 +42,9 @@ minutes.
 SECOND_CLIENT_S: Final = 3.0
 """The time within which a second node of one name hears of the first one, and ends."""
 
+CHECK_PERIOD_S: Final = 0.5
+"""The time between two looks at the ROS graph for a second node, within that time."""
+
 _PROCESS_START: Final = time.time_ns()
 
 _OTHER: Final = 'not of DyKnow: '
@@ -67,13 +70,19 @@ def _hash(name: str) -> bytes:
     return blake2b(name.encode(), digest_size=5).digest()
 
 
-def _is_shared(goal: bytes, node: Node) -> bool:
-    """Return True if the ROS graph has several nodes with the name of the client of a goal."""
+def _is_shared(goal: bytes, node: Node, kind: str = _OTHER) -> bool:
+    """Return True if the ROS graph has several nodes with the name of the client of a goal.
+
+    Args:
+        goal: the identifier of the goal.
+        node: any node.
+        kind: what is hashed with the name: of nodes of DyKnow, nothing.
+    """
     names = (
         f'{namespace.rstrip("/")}/{name}'
         for name, namespace in node.get_node_names_and_namespaces()
     )
-    return sum(_hash(_OTHER + each) == goal[_NAME] for each in names) > 1
+    return sum(_hash(kind + each) == goal[_NAME] for each in names) > 1
 
 
 def is_of_former_run(goal: bytes, newer: bytes) -> bool:
@@ -187,12 +196,17 @@ class CancellingActionServer:
     async def _end_former_run(self, newer: bytes) -> None:
         """Cancel the goals of the former run of a client, unless the next run ends at once.
 
-        That is a second client of one name, which ends when it hears of the first one.
+        That is a second client of one name, which ends when it hears of the first one. If its goal
+        has ended but it stays, or there never was a second node of its name, it is the next run.
         """
-        await self._node.deadlines.after(SECOND_CLIENT_S)
+        was_shared = False
+        for _ in range(round(SECOND_CLIENT_S / CHECK_PERIOD_S)):
+            was_shared |= any(_is_shared(newer, self._node, kind) for kind in ('', _OTHER))
+            await self._node.deadlines.after(CHECK_PERIOD_S)
+        stays = not was_shared or _is_shared(newer, self._node, '')
         while newer in self._running and _is_shared(newer, self._node):
             await self._node.deadlines.after(PERIOD_S)
-        for key, cancel in list(self._running.items()) if newer in self._running else ():
+        for key, cancel in list(self._running.items()) if stays or newer in self._running else ():
             if is_of_former_run(key, newer):
                 cancel(self.restarted)
 

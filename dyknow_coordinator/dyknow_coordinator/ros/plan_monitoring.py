@@ -297,8 +297,9 @@ class PlanMonitoring:
         parts = len(request.formulas) + sum(1 + len(each.formulas) for each in request.actions)
         what = 'actions and formulas of the plan'
         self._limits.check('plan_part_limit', parts, what, ExitCode.INVALID_ARGUMENT)
-        others = self._plans.keys() - {request.name}
-        self._limits.check('plan_limit', len(others) + 1, 'monitored plans')
+        # A plan that this one replaces does not count; it ends a moment later.
+        count = sum(map(len, self._plans.values())) + (request.name not in self._plans)
+        self._limits.check('plan_limit', count, 'monitored plans')
         newer = bytes(goal.goal_id.uuid)
         for former in self._plans.get(request.name, ()):
             if self.server.is_over(former, newer):

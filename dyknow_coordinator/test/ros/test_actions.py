@@ -30,11 +30,15 @@ class Node:
     def __init__(self) -> None:
         self.spawned: list[Any] = []
         self.graph: list[tuple[str, str]] = []
+        self.waited = 0.0
+        self.known_s = float('inf')
         self.deadlines = SimpleNamespace(after=self.passed)
 
     async def passed(self, seconds: float) -> None:
         """A time has passed; the graph forgets a node in the meantime."""
-        if seconds == actions.PERIOD_S:
+        self.waited += seconds
+        if self.waited > self.known_s:
+            self.known_s = float('inf')
             self.graph.pop()
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
@@ -126,11 +130,25 @@ def test_goals_of_a_client_that_was_killed_end_when_it_is_back(situation: Situat
 
 def test_a_second_client_that_ends_at_once_ends_no_goals(situation: Situation) -> None:
     """The formulas of a running monitor were cancelled by a second one, which was refused."""
+    situation.node.graph, situation.node.known_s = [('formula_monitor', '/')] * 2, 1.0
     for started_at in (1, 2):
         situation.send(actions.goal_id(FakeClient('/formula_monitor', started_at)))
     situation.goals[-1].close()
     situation.node.let_time_pass()
     assert situation.reasons == []
+
+
+@pytest.mark.parametrize('number', [0, 1, 2])
+def test_a_short_goal_of_a_restarted_client_ends_the_former_ones(
+    situation: Situation, number: int
+) -> None:
+    """They were pursued for ever. The graph may not have forgotten the former run, if killed."""
+    situation.node.graph = [('formula_monitor', '/')] * number
+    for started_at in (1, 2):
+        situation.send(actions.goal_id(FakeClient('/formula_monitor', started_at)))
+    situation.goals[-1].close()
+    situation.node.let_time_pass()
+    assert situation.reasons == ['the client of ~/action was restarted']
 
 
 class FakeExecutive(RosNode):
@@ -151,6 +169,7 @@ def test_goals_of_a_user_s_client_end_when_it_alone_has_its_name(
     monkeypatch.setattr(actions, '_PROCESS_START', actions._PROCESS_START + SECOND_NS)
     newer = actions.goal_id(FakeExecutive())
     situation.node.graph = [('other', '/'), *[('executive', '/')] * number]
+    situation.node.known_s = 3.0 if number == 2 else float('inf')
     is_over = situation.server.is_over(bytes(former.uuid), bytes(newer.uuid))
     assert is_over == (number == 1)
     situation.send(former)
@@ -158,6 +177,20 @@ def test_goals_of_a_user_s_client_end_when_it_alone_has_its_name(
     situation.node.let_time_pass()
     assert situation.reasons == ['the client of ~/action was restarted']
     assert len(situation.node.graph) == 2
+
+
+@pytest.mark.parametrize(('number', 'reasons'), [(1, 1), (2, 0)])
+def test_a_short_goal_of_a_user_s_client(
+    situation: Situation, monkeypatch: pytest.MonkeyPatch, number: int, reasons: int
+) -> None:
+    """If the name was shared, the node that is left may be the one with the former goals."""
+    situation.node.graph, situation.node.known_s = [('executive', '/')] * number, 3.0
+    situation.send(actions.goal_id(FakeExecutive()))
+    monkeypatch.setattr(actions, '_PROCESS_START', actions._PROCESS_START + SECOND_NS)
+    situation.send(actions.goal_id(FakeExecutive()))
+    situation.goals[-1].close()
+    situation.node.let_time_pass()
+    assert len(situation.reasons) == reasons
 
 
 def test_a_former_run_that_is_still_alive_ends_no_goals(situation: Situation) -> None:
@@ -174,7 +207,8 @@ class Plans(Situation):
         node: Any = self.node
         node.serve, node.request_sent_at = self.serve, lambda: 0
         node.now = lambda: 1
-        self.server = PlanMonitoring(node, MagicMock(), MagicMock()).server
+        self.limits = MagicMock()
+        self.server = PlanMonitoring(node, MagicMock(), self.limits).server
         self.results: list[MonitorPlan.Result] = []
 
     def serve(self, _: Any, report: Any) -> None:
@@ -219,6 +253,7 @@ def test_a_restarted_client_takes_over_the_name_of_its_plan(plans: Plans) -> Non
 
 def test_a_second_client_that_ends_at_once_ends_no_plan(plans: Plans) -> None:
     """The plan of a running node was cancelled by a second one, which was refused."""
+    plans.node.graph, plans.node.known_s = [('executive', '/')] * 2, 1.0
     goals = [actions.goal_id(FakeClient('/executive', started_at)) for started_at in (1, 2)]
     for each in goals:
         plans.send(each)
@@ -235,3 +270,13 @@ def test_a_plan_of_another_client_keeps_its_name(plans: Plans) -> None:
     assert refused.exit_status.message == (
         "a plan 'survey' is monitored already; give this one another name"
     )
+
+
+def test_plans_of_one_name_are_counted(plans: Plans) -> None:
+    """A client that was restarted every second had as many plans as it wanted."""
+    for started_at in (1, 2, 3, 4):
+        plans.send(actions.goal_id(FakeClient('/executive', started_at)))
+    counts = [each.args[1] for each in plans.limits.check.call_args_list]
+    # The limit of parts is checked, too; the plan that is replaced does not count.
+    assert counts[1::2] == [1, 1, 2, 3]
+    plans.node.let_time_pass()
