@@ -216,7 +216,8 @@ def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
     else:
         from dyknow_recordings.reporting.table import Tables  # noqa: PLC0415
 
-        yield Tables(options.undecided)
+        may_retry = not (options.retry or options.probability)
+        yield Tables(options.undecided, may_retry=may_retry)
     yield Messages(with_notes=not options.json)
     if options.junit is not None:
         from dyknow_recordings.reporting.junit import JUnitReport  # noqa: PLC0415

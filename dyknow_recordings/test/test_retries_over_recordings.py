@@ -266,3 +266,29 @@ def test_the_command(tmp_path: Path) -> None:
     assert junit.read_text().count('type="CONSTRAINT_VIOLATION"') == 2
     refused = run_check(*options, '--probability')
     assert 'leave out --retry' in refused.err
+
+
+def test_the_command_names_the_option_once(tmp_path: Path) -> None:
+    """Users did not find it, and took the rest of the recording for checked."""
+    late, middle, end = (tmp_path / f'{name}.csv' for name in ('late', 'middle', 'end'))
+    for path, values in (late, '1 1'), (middle, '1 - 1 1'), (end, '1 1 1 -'):
+        rows = enumerate(values.replace('-', '').split(' '))
+        path.write_text('time_s,alt: float\n' + ''.join(f'{t},{value}\n' for t, value in rows))
+    formula = ('--formula', 'always alt < 5')
+    hint = 'a formula has ended with an error before the end; --retry evaluates it again after it'
+    found = run_check(middle, middle, *formula)
+    assert found.code == ERROR
+    assert found.out.splitlines()[-1] == hint
+    assert (found.out + found.err).count('--retry') == 1
+    assert hint in run_check(middle, *formula, '--every', 'state').out
+    for arguments in (
+        (middle, *formula, '--json'),
+        (middle, *formula, '--retry'),
+        (middle, *formula, '--probability'),
+        (middle, '--formula', 'always alt <'),
+        (middle, '--formula', 'always x < 5'),
+        (end, *formula),
+        (late, *formula),
+    ):
+        found = run_check(*arguments)
+        assert '--retry' not in found.out + found.err, arguments

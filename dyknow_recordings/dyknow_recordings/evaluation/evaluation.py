@@ -224,6 +224,15 @@ class RecordingEvaluation:
         """True if a formula has ended with an error that a later evaluation may not have."""
         return any(each.may_be_retried for each in self._requests)
 
+    def _ends_early(self) -> bool:
+        """Return True if such a formula ended so long before the end that it may be retried."""
+        last = self._recording.end_time - SILENCE_PERIOD_NS
+        return any(
+            max(each.last_state or 0, *(it.available_time for it in each.violations), 0) <= last
+            for each in (request.episodes for request in self._requests if request.may_be_retried)
+            if each
+        )
+
     def run(self) -> RecordingReport:
         """Read the recording and return the results."""
         recording = self._recording
@@ -240,6 +249,7 @@ class RecordingEvaluation:
                 for lost in self._losses_to_come:
                     self._lose(lost, max(start, min(lost.first, end + 1)))
                 self._advance(end)
+        ends_early = self._ends_early()
         for group in self._running:
             group.finish(start, end)
         return RecordingReport(
@@ -254,6 +264,7 @@ class RecordingEvaluation:
                 *self._lacks(),
             ),
             topics=tuple(self._fields),
+            ends_early=ends_early,
         )
 
     def _take(self, batch: Sequence[MessageColumns]) -> None:

@@ -283,6 +283,7 @@ class RecordingReport:
         broken: the expectations about topics that the recording breaks.
         topics: the topics that the formulas read.
         map: the map of the regions of the robot, if it was to be kept.
+        ends_early: True if a formula has ended with an error after which it can be evaluated again.
     """
 
     recording: str
@@ -293,3 +294,4 @@ class RecordingReport:
     broken: tuple[BrokenExpectation, ...] = ()
     topics: tuple[str, ...] = ()
     map: RecordedMap | None = None
+    ends_early: bool = False

@@ -42,11 +42,22 @@ _TIMES: Final = frozenset({
 """The fields in nanoseconds."""
 
 
-class Tables(CheckOutput):
-    """A table for each recording, on the standard output; errors go elsewhere."""
+RETRY_HINT: Final = (
+    'a formula has ended with an error before the end; --retry evaluates it again after it'
+)
 
-    def __init__(self, judgement: Judgement) -> None:
+
+class Tables(CheckOutput):
+    """A table for each recording, on the standard output; errors go elsewhere.
+
+    Args:
+        judgement: the judgement of undecided formulas.
+        may_retry: True to name the option --retry if it may help.
+    """
+
+    def __init__(self, judgement: Judgement, *, may_retry: bool = False) -> None:
         self._judgement = judgement
+        self._may_retry, self._hint = may_retry, ''
 
     def add(self, report: RecordingReport) -> None:
         """Print the table of a recording."""
@@ -55,7 +66,14 @@ class Tables(CheckOutput):
         for formula in report.formulas:
             _print_place(formula)
         print_broken(report.broken)
+        if self._may_retry and report.ends_early:
+            self._hint = RETRY_HINT
         sys.stdout.flush()
+
+    def close(self, unchecked: Sequence[str]) -> None:  # noqa: ARG002
+        """Print the hint, once for all recordings."""
+        if self._hint:
+            sys.stdout.write(f'{self._hint}\n')
 
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
