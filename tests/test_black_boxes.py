@@ -172,7 +172,7 @@ def test_a_false_formula_has_the_same_verdict_offline(
     )
     evaluations.wait_for_state()
     recorder.wait_for_memory()
-    monitored = Monitored(system.client, formula, name='power', record=recorded())
+    monitored = Monitored(system.client, formula, name='power', record=recorded(), margin=True)
     (_, status) = evaluations.wait_for_state(2)
     assert set(status.topics) == {'/uav1/battery', '/uav2/battery'}
     recorder.wait_for_memory(2)
@@ -189,6 +189,8 @@ def test_a_false_formula_has_the_same_verdict_offline(
     assert (code, found['outcome'], document['notes']) == (1, 'false', [])
     assert episode['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
     assert episode['explanation'] == result.explanation
+    # The formula has plain numbers, and the box knows no ontology.
+    assert (episode['margin']['unit'], result.margin.unit) == ('W', 'W')
     with open_recording(Path(report.path)) as recording:
         names = {each.name for each in recording.topics}
         assert {'/uav1/battery', '/uav2/battery', status.state_stream} <= names

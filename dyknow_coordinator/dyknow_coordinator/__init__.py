@@ -46,7 +46,7 @@ from dyknow_coordinator.grounding.source_session import (
     worst_fault,
 )
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
-from dyknow_coordinator.grounding.units import feature_units, with_unit
+from dyknow_coordinator.grounding.units import feature_units, with_unit, with_units
 from dyknow_coordinator.plan import (
     Event,
     FormulaPosition,
@@ -135,6 +135,7 @@ __all__ = [
     'with_caveat',
     'with_reasons_of_peers',
     'with_unit',
+    'with_units',
     'with_waits_of_peers',
     'worst_fault',
 ]

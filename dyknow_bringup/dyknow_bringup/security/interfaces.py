@@ -230,7 +230,8 @@ def recorder_interfaces(
         | frozenset(map(streams_of, engines))
         | {f'{COORDINATOR}/evaluations', f'{COORDINATOR}/verdicts/*', 'stream_manager/streams'},
         serves=frozenset(f'~/{service}' for service in RECORDER_SERVICES),
-        requests=frozenset({'ontology_manager/concept_get_instances', *snapshots}),
+        requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query')
+        | frozenset(snapshots),
     )
 
 

@@ -13,6 +13,7 @@ from dyknow_coordinator import (
     KnownStreams,
     feature_symbols,
     parse_sources,
+    with_units,
 )
 from dyknow_reactions.black_box.failures import FormulaFailure, OpenBox
 from dyknow_reasoning import FormulaGroup
@@ -153,6 +154,7 @@ class FormulaOrigin:
         state_stream: the state stream whose origin is known.
         origin: the origin of this stream.
         domains: the objects of each sort; None before they are known.
+        units: the units of its features that its text does not state.
         topics: all topics that were recorded for it.
         objects_fault: why the objects are not known.
         faults: why something else is not known.
@@ -164,6 +166,7 @@ class FormulaOrigin:
     state_stream: str = ''
     origin: StateOrigin = field(default_factory=StateOrigin)
     domains: Mapping[str, Sequence[str]] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
     topics: set[str] = field(default_factory=set)
     objects_fault: str = 'the objects of the sorts were not known yet'
     faults: set[str] = field(default_factory=set)
@@ -201,7 +204,7 @@ def content_of(
     )
     return BlackBoxContent(
         name=status.name,
-        formula=status.formula,
+        formula=with_units(status.formula, origin.units),
         reason=failure.reason,
         verdict='false' if failure.reason in {'false', 'episode'} else '',
         explanation=failure.explanation,

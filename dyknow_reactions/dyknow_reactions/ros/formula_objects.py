@@ -9,9 +9,9 @@ from dyknow_interfaces.srv import ConceptGetInstances
 
 from dyknow_common import SymbolKind
 from dyknow_common.ros import RemoteNode
-from dyknow_coordinator import unknown_features
+from dyknow_coordinator import feature_units, unknown_features
 from dyknow_coordinator.ros.service_clients import ontology_solutions
-from dyknow_reasoning import UnknownFeatures, parse_formula, symbols_of
+from dyknow_reasoning import UnknownFeatures, parse_formula, stated_units, symbols_of
 
 
 async def objects_of(ontology: RemoteNode, formula: str) -> Mapping[str, Sequence[str]]:
@@ -39,3 +39,14 @@ async def unknown_of(ontology: RemoteNode, formula: str) -> UnknownFeatures:
     """
     query = partial(ontology_solutions, ontology)
     return UnknownFeatures(await unknown_features(symbols_of(parse_formula(formula)), query))
+
+
+async def units_of(ontology: RemoteNode, formula: str) -> Mapping[str, str]:
+    """Return the units of the features of a canonical formula, as far as its text states none.
+
+    Arguments and errors as of `objects_of`.
+    """
+    query = partial(ontology_solutions, ontology)
+    found = await feature_units(symbols_of(parse_formula(formula)), query)
+    known = stated_units(formula)
+    return {name: unit for name, unit in found.items() if unit and name not in known}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Final
 
-from dyknow_interfaces.srv import ConceptGetInstances
+from dyknow_interfaces.srv import ConceptGetInstances, OntologyQuery
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError
@@ -18,7 +19,7 @@ from dyknow_reactions.black_box.box_content import (
     state_origin,
 )
 from dyknow_reactions.black_box.failures import FormulaKey
-from dyknow_reactions.ros.formula_objects import objects_of
+from dyknow_reactions.ros.formula_objects import objects_of, units_of
 
 SEARCH_ATTEMPTS: Final = 3
 """The number of attempts to find the objects and streams of a formula."""
@@ -39,7 +40,7 @@ class FormulaOrigins:
         self._node = node
         namespace = node.resolve_service_name(manager).rpartition('/')[0]
         self._streams = StreamsMirror(node, f'{manager}/streams', namespace, lambda: None)
-        self._ontology = RemoteNode(node, ontology, services=[ConceptGetInstances])
+        self._ontology = RemoteNode(node, ontology, services=[ConceptGetInstances, OntologyQuery])
         self._found: dict[FormulaKey, FormulaOrigin] = {}
         self._searches: dict[FormulaKey, Future] = {}
 
@@ -112,7 +113,10 @@ class FormulaOrigins:
             search.set_result(None)
 
     async def _find_objects(self, formula: str, found: FormulaOrigin) -> None:
-        """Ask for the objects of a formula's sorts."""
+        """Ask for the objects of a formula's sorts, and for the units of its features."""
+        # Without its units, a box says as much as before.
+        with suppress(DyKnowError):
+            found.units = await units_of(self._ontology, formula)
         try:
             found.domains = await objects_of(self._ontology, formula)
         except DyKnowError as error:
