@@ -12,6 +12,7 @@ states is a verdict of the formula (`suffix_report`):
     asked where a trigger begins to hold                 likewise, but at the first state
     with past operators, asked at every state            the verdict from each state from which they
                                                          look back to no state before the suffix
+    always F with past operators, in a black box         false from the first such state: false
     eventually[0 s, 5 s] F, always (once[0 s, 5 s] F)    unknown: the states before may decide it
 """
 
@@ -149,6 +150,9 @@ class BlackBoxContent:
     def start(self) -> EpisodeStart:
         """From when the formula is evaluated."""
         every = Every.STATE if self.every_state else Every.FIRST
+        formula = parse_formula(self.formula)
+        if every is Every.FIRST and not self.is_complete and looks_back(formula):
+            every = Every.COMPLETE
         first_state = BEGINNING if self.begin is None else self.begin
         return EpisodeStart(every=every, first_state=first_state)
 
@@ -298,9 +302,8 @@ def suffix_report(
         reason = lacking_states(parse_formula(trigger), every_state=True)
     if not reason:
         return report
-    if every_state and not trigger and (kept := _complete_episodes(report, formula)):
-        number = len(report.episodes) - len(kept)
-        states = 'first state is' if number == 1 else f'first {number} states are'
+    kept, states = _complete_episodes(report, formula, is_every=every_state)
+    if states and not trigger:
         event = f'the verdict {reason}: the {states} left out'
         return replace(report, episodes=kept, events=(*report.events, event))
     error = RecordingError(
@@ -310,10 +313,26 @@ def suffix_report(
     return report.without_verdict(report.error or error)
 
 
-def _complete_episodes(report: FormulaReport, formula: Formula) -> tuple[Episode, ...]:
-    """Return the episodes from the state on from which a formula looks back to none before all."""
-    begins = [each.begin or 0 for each in report.episodes]
-    return report.episodes[first_complete(formula, begins) :]
+def _complete_episodes(
+    report: FormulaReport, formula: Formula, *, is_every: bool
+) -> tuple[tuple[Episode, ...], str]:
+    """Return the episodes from which a formula looks back to no state before all.
+
+    Also return the states that are left out; empty if there is no such episode.
+
+    Args:
+        report: over a part of a recording.
+        formula: its formula.
+        is_every: True if there is an episode from every state on.
+    """
+    found, begins = report.episodes, [each.begin or 0 for each in report.episodes]
+    if is_every:
+        number = first_complete(formula, begins)
+        states = 'first state is' if number == 1 else f'first {number} states are'
+        return found[number:], states if found[number:] else ''
+    # An invariant begins after the first state if its past is then complete.
+    is_sound = is_invariant(formula) and begins and begins[0] != report.first_state
+    return found, f'states before {round_time(begins[0])} are' if is_sound else ''
 
 
 def horizon(formula: str) -> int:

@@ -65,7 +65,20 @@ VALUES = [True, True, True, False, True, True, True]
         ('eventually[0 s, 2 s] not P', {'begin': 9 * S, 'is_complete': True}, 'error'),
         ('(always P) or (always not P)', {}, 'error'),
         ('always[0 s, 2 s] P', {}, 'error'),
-        ('always (once[0 s, 1 s] P)', {}, 'error'),
+        ('always (once[0 s, 1 s] P)', {}, 'undecided'),
+        ('always previous P', {}, 'false'),
+        ('(always P or not P) and always previous P', {}, 'false'),
+        # The first states are left out, of which the past is not known.
+        ('always (once[0 s, 2 s] not P)', {}, 'false'),
+        ('always (once[0 s, 4 s] not P)', {}, 'undecided'),
+        ('always (once[0 s, 7 s] not P)', {}, 'error'),
+        ('always (once not P)', {}, 'error'),
+        ('always ((once[2 s, inf] true) -> previous P)', {}, 'false'),
+        ('always ((once[7 s, inf] true) -> previous P)', {}, 'error'),
+        ('always previous P', {'begin': 14 * S}, 'undecided'),
+        ('always previous P', {'begin': 10 * S, 'is_complete': True}, 'false'),
+        ('always previous P', {'begin': 9 * S, 'is_complete': True}, 'error'),
+        ('eventually previous P', {}, 'error'),
         ('always (once[0 s, 1 s] P)', {'begin': 10 * S, 'is_complete': True}, 'undecided'),
         ('previous P', {'every_state': True}, 'false'),
         ('previous not P', {'every_state': True}, 'false'),
@@ -90,6 +103,20 @@ def test_the_error_names_the_mend(tmp_path: Path) -> None:
         'message': 'the black box begins after the first state of the formula; the verdict '
         'depends on its first state: check a recording from its first state on',
     }
+
+
+def test_an_invariant_about_the_past_is_false_again_at_the_same_state(tmp_path: Path) -> None:
+    box = content('always previous P', verdict='false', decided_at=14 * S, margin=True)
+    path = write(tmp_path, box, VALUES)
+    found = run_check(path, '--json').document
+    (formula,) = found['formulas']
+    (episode,) = formula['episodes']
+    assert (episode['begin_ns'], episode['decided_at_ns']) == (11 * S, 14 * S)
+    assert (formula['states'], found['notes']) == (5, [])
+    assert formula['events'] == [
+        'the verdict looks back to earlier states: the states before 11.000 s are left out'
+    ]
+    assert run_check(path, '--html', tmp_path / 'page.html').code == 1
 
 
 LATE = 'stream a = select data as P from "/p" with max_gap = 1 s;\nsink sync(a)'

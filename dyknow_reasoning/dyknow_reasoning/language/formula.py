@@ -506,6 +506,8 @@ def first_complete(node: Formula | Term, times: Sequence[int]) -> int:
     match node:
         case Previous() | ValueBefore():
             return first + 1
+        case Once(body=Truth(value=True)):  # Any state so long ago will do.
+            return bisect_left(times, times[first] + node.interval.start)
         case Historically() | Once() | Since() | StateCount() if node.interval.end is not None:
             return bisect_left(times, times[first] + node.interval.end)
     return len(times) if isinstance(node, PastFormula | StateCount) else first

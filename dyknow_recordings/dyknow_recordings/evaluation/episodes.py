@@ -22,6 +22,7 @@ from dyknow_reasoning import (
     ReasoningError,
     UnknownFeatures,
     UnknownValueError,
+    first_complete,
     looks_back,
     parse_formula,
     probability_of,
@@ -46,6 +47,14 @@ class Every(StrEnum):
 
     TRIGGER = 'trigger'
     """Every state at which another formula begins to hold."""
+
+    COMPLETE = 'complete'
+    """The first one from which the formula looks back to no state before all."""
+
+    @property
+    def is_one(self) -> bool:
+        """True if it is one state."""
+        return self in {Every.FIRST, Every.COMPLETE}
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +114,14 @@ class FormulaEpisodes:
         """True if no state can change anything any more."""
         if self.error is not None:
             return not self.open_episodes
-        is_asked_again = self.every is not Every.FIRST
+        is_asked_again = not (self.every.is_one and self.episodes)
         awaits = self.probability is not None and not self.probability.is_final
         return not (is_asked_again or self.open_episodes or awaits)
 
     @property
     def failure(self) -> DyKnowError | None:
         """The error that has ended it; None if it goes on, or has a verdict."""
-        single = self.episodes[0].error if self.episodes and self.every is Every.FIRST else None
+        single = self.episodes[0].error if self.episodes and self.every.is_one else None
         return (self.error or single) if self.has_ended else None
 
 
@@ -128,6 +137,7 @@ class EpisodeGroup:
     """
 
     last_state: int | None = None
+    _states = 0
 
     def __init__(
         self,
@@ -153,7 +163,7 @@ class EpisodeGroup:
         }
         self._unknown = unknown
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
-        self._states, self._is_suffix = 0, is_suffix
+        self._incomplete, self._is_suffix = _IncompleteFormulas(formulas), is_suffix
         self.losses: list[LostMessages] = []
         """The messages that states are missing for."""
         self._owners: dict[int, FormulaEpisodes] = {}
@@ -175,7 +185,7 @@ class EpisodeGroup:
         each.probability = probability_of(asked, domains) if asked else None
         if each.every is Every.STATE:
             self._standing[each] = StandingEpisodes(grounded, domains, self._unknown)
-        elif each.every is Every.TRIGGER:
+        elif each.every is not Every.FIRST:
             # What past operators look back to is the same from every state.
             self._group.keep_history(grounded.formula)
 
@@ -189,7 +199,7 @@ class EpisodeGroup:
         if self.observer is not None:
             columns = {name: (value,) for name, value in values.items()}
             self.observer.states((valid_time,), columns)
-        if self._triggers:
+        if self._triggers or self._incomplete.formulas:
             self._begin_episodes(valid_time, values)
         for each, standing in self._standing.items():
             if not each.has_ended and (error := standing.progress(valid_time, values)):
@@ -260,6 +270,7 @@ class EpisodeGroup:
         self._states, self.last_state = before + len(valid_times), int(valid_times[-1])
 
     def _begin_episodes(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        complete = self._incomplete.completed(valid_time)
         rising = {text: each.rises(valid_time, values) for text, each in self._triggers.items()}
         for each in self.formulas:
             if each.has_ended:
@@ -269,7 +280,7 @@ class EpisodeGroup:
                 self._fail(each, begins)
             elif begins and self._is_suffix and self._states == 1:
                 each.begin_is_unknown = True
-            elif begins:
+            elif begins or each in complete:
                 self._open(each)
 
     def gap(self, after: int) -> None:
@@ -414,6 +425,25 @@ class EpisodeGroup:
     def _forget(self, formula_id: int) -> None:
         self._fresh.discard(formula_id)
         self._group.remove_formula(formula_id)
+
+
+class _IncompleteFormulas:
+    """The formulas that wait for a state from which they look back to none before all."""
+
+    def __init__(self, formulas: Iterable[FormulaEpisodes]) -> None:
+        self.formulas = [each for each in formulas if each.every is Every.COMPLETE]
+        self._valid_times: list[int] = []
+
+    def completed(self, valid_time: int) -> Sequence[FormulaEpisodes]:
+        """Return the formulas that wait no longer, as there is another state."""
+        times = self._valid_times
+        times.append(valid_time)
+        waiting, found = self.formulas, []
+        for each in list(waiting):
+            if first_complete(parse_formula(each.grounded.formula), times) < len(times):
+                waiting.remove(each)
+                found.append(each)
+        return found
 
 
 class _Trigger:

@@ -410,9 +410,7 @@ class RecordingEvaluation:
         if not self._keep_signals:
             return None
         texts = (text for _, each in members for text in (each.formula, each.probability))
-        is_asked_once = all(
-            each.episodes and each.episodes.every is Every.FIRST for each, _ in members
-        )
+        is_asked_once = all(each.episodes and each.episodes.every.is_one for each, _ in members)
         terms = terms_of(filter(None, texts), domains)
         return SignalRecorder(terms, domains, is_asked_once=is_asked_once)
 
