@@ -569,11 +569,13 @@ class GroupWork:
 
     def _next(self) -> None:
         self.is_busy = False
-        while not self.is_busy:
+        while not self.is_busy and (self._requests or self._states):
             if self._requests:
                 self.is_busy = True
                 self._requests.popleft().set_result(None)
-            elif self._states:
-                self._states.popleft()()
-            else:
-                return
+                continue
+            process = self._states.popleft()
+            try:
+                process()
+            except Exception as error:  # noqa: BLE001 - the states after it would wait for ever
+                self._node.log_fault('a state that has waited', error)
