@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Thread
+from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
@@ -25,6 +26,7 @@ from dyknow_common.ros import (
     NodeExecutor,
     only_from,
 )
+from dyknow_common.ros.below_rclpy import direct_topics
 from system import LIMIT, Client, private_environment
 
 TOPIC = '/numbers'
@@ -308,6 +310,28 @@ def test_messages_that_do_not_fit_are_counted_and_the_next_number_shows_it(bench
     assert received.values == [0, 1, 2, 5]
     assert received.numbers == [1, 2, 3, 6]
     assert reasons == ['2 more than 3 were waiting']
+
+
+def test_a_subscription_misses_nothing_while_another_one_of_its_topic_ends() -> None:
+    """A violation was neither received directly, nor from the middleware, where it was a copy."""
+    directory, key = direct_topics._Directory(), (mock.Mock(), TOPIC)
+    stays: Any = SimpleNamespace(key=key)
+    others: Any = [SimpleNamespace(key=key) for _ in range(30_000)]
+    directory.add(stays)
+
+    def come_and_go() -> None:
+        for each in others:
+            directory.add(each)
+            directory.remove(each)
+
+    changes = Thread(target=come_and_go)
+    changes.start()
+    while changes.is_alive():
+        assert stays in directory.of(key)
+    changes.join()
+    assert directory.of(key) == (stays,)
+    directory.remove(stays)
+    assert directory.of(key) == ()
 
 
 @pytest.mark.parametrize('seed', range(3))

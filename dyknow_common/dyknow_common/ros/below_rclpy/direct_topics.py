@@ -112,10 +112,12 @@ class _Directory:
 
     def remove(self, subscription: DirectSubscription) -> None:
         with self._lock:
-            known = self._known.pop(subscription.key, ())
+            known = self._known.get(subscription.key, ())
+            # Publishers read it meanwhile: those that stay must not be missing for a moment.
             others = tuple(each for each in known if each is not subscription)
-            if others:
-                self._known[subscription.key] = others
+            self._known[subscription.key] = others
+            if not others:
+                del self._known[subscription.key]
 
     def of(self, key: tuple[Context, str]) -> tuple[DirectSubscription, ...]:
         return self._known.get(key, ())
