@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
-from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula
+from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula, FormulaGroupEvaluate
 from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.composition import NODES
@@ -263,6 +263,27 @@ def test_samples_that_overtake_each_other_within_the_delay(
     surged_at = batteries.overtake('uav1', 240.0)
     answer = system.decided(future, FALSE)
     assert nanoseconds(answer.decided_at) > surged_at
+
+
+def test_states_that_are_not_read_any_more_are_made_anew(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """The formula went on without states until its timeout, and nobody said so."""
+    evaluations.wait_for_nothing()
+    future = system.ask('always Power[uav1] < 150', timeout=40.0)
+    evaluations.wait_for_state()
+    (group,) = evaluations.groups()
+    answer = system.client.call(
+        FormulaGroupEvaluate,
+        'stream_reasoning_engine/formula_group_evaluate',
+        formula_group_id=group,
+        state_stream='/nobody_publishes_this',
+        gap=True,
+    )
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer
+    evaluations.wait_for_event('no state has come for 5 s, although states are made')
+    batteries.power['uav1'] = 240.0
+    system.decided(future, FALSE)
 
 
 class Levels:

@@ -50,6 +50,8 @@ class KnownStream:
             received the latest message, in nanoseconds; 0 before the first.
         constraints: added to the constraints in the specification.
         waits_for: why it has no samples; empty if they come.
+        samples: their number since the stream was created.
+        max_delay: the longest delay of the latest ones from valid to available time, in ns.
     """
 
     name: str
@@ -61,6 +63,8 @@ class KnownStream:
     received: Mapping[str, int] = field(default_factory=dict)
     constraints: StreamConstraints = NO_CONSTRAINTS
     waits_for: str = ''
+    samples: int = 0
+    max_delay: int = 0
 
 
 class KnownStreams:

@@ -103,6 +103,11 @@ class StreamsMirror:
             received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
             constraints=constraints_from_message(status.constraints),
             waits_for=status.message if status.state == StreamStatus.WAITING else '',
+            samples=status.samples,
+            # Without samples in the last second, the delay is that of earlier ones.
+            max_delay=time_to_nanoseconds(status.max_delay)
+            if status.rate or not before
+            else before.max_delay,
         )
 
     def _known_streams(self, streams: Iterable[KnownStream]) -> KnownStreams:

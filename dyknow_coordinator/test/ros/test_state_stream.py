@@ -261,6 +261,75 @@ def test_a_stream_that_cannot_be_made_is_left_for_the_next() -> None:
     made.observer.fail.assert_not_called()
 
 
+@pytest.mark.parametrize(
+    ('reports', 'fault'),
+    [
+        # Each second: the samples made, until when, their delay, and the latest state that came.
+        ([(each, each, 0, each) for each in range(20)], ''),
+        ([(each, each, 0, min(each, 4)) for each in range(12)], 'although states are made'),
+        ([(each, each, 0, 0) for each in range(12)], 'although states are made'),
+        ([(each, each, 0, min(each, 4)) for each in range(11)], ''),
+        ([(5 + (each > 3), each, 0, 3) for each in range(20)], ''),
+        ([(each, each, 15, 5) for each in range(20)], ''),
+        ([(each, each, 9, 5) for each in range(22)], 'although states are made'),
+        ([(each, 7, 0, 8) for each in range(20)], ''),
+        ([(5, each, 0, 4) for each in range(20)], ''),
+        ([(None, each, 0, 4) for each in range(5)] + [(9, 9, 0, 4)] * 4, ''),
+        ([(None, each, 0, 4) for each in range(6)], "stream 'states_2' is gone"),
+        ([(None, each, 0, each) for each in range(9)], ''),
+    ],
+    ids=[
+        'all arrive',
+        'none arrives any more',
+        'none has arrived',
+        'for less than 5 s',
+        'one sample, which is reported late',
+        'behind former states',
+        'behind former states at first',
+        'time stands still at former states',
+        'no samples',
+        'the manager was restarted',
+        'the manager knows none',
+        'others arrive',
+    ],
+)
+def test_states_that_do_not_arrive(reports: list[Any], fault: str) -> None:
+    context = MagicMock()
+    context.streams.engines = ('/engine',)
+    stream = StateStream(context, 'states_2', MagicMock(), MagicMock())
+    context.clients.create_stream = AsyncMock(return_value=('/states_2', '/states_2/violations'))
+    asyncio.run(stream.create((), StreamConstraints()))
+    found = ''
+    for now, (samples, until, delay, latest) in enumerate(reports, start=1):
+        made = (
+            []
+            if samples is None
+            else [KnownStream('states_2', samples=samples, max_delay=delay * SECOND_NS)]
+        )
+        context.streams.known = KnownStreams(made, lambda _: True)
+        context.streams.known_until = until * SECOND_NS
+        context.wall_time_s.return_value = float(now)
+        found = stream.arrival_fault(latest * SECOND_NS)
+    assert found.endswith(fault) if fault else not found
+
+
+def test_states_that_do_not_arrive_are_made_anew() -> None:
+    """The formula went on without states, and nobody said so."""
+    made = Supervised('a')
+    supervisor = made.supervisor
+    made.context.streams.engines = ('/engine',)
+    asyncio.run(supervisor.start())
+    made.context.streams.known = KnownStreams([], lambda _: True)
+    for seconds in (1, 4, 7):
+        assert not made.spawned
+        made.context.wall_time_s.return_value = float(seconds)
+        supervisor.note_progress(5)
+    assert made.observer.set_phase.call_args.args == (EvaluationPhase.INTERRUPTED,)
+    made.run()
+    assert supervisor.stream.name != 'states_1'
+    assert "stream 'states_1' is gone; states are made" in made.observer.add_event.call_args.args[0]
+
+
 def _candidates(*streams: str) -> Candidates:
     return Candidates(
         tuple(

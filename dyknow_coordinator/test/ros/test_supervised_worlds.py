@@ -1,12 +1,14 @@
 """Supervisors with their standbys in random worlds: states that nobody makes or reads are noticed.
 
-Topics fall silent and speak again, requests take time and fail, violations come late.
+Topics fall silent and speak again, requests take time and fail, violations come late, engines die,
+and the reasoning engine may read another topic.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
+from functools import partial
 from itertools import count
 from random import Random
 from types import SimpleNamespace
@@ -38,7 +40,10 @@ ABSENCE_S = 2.5
 """The time without a publisher after which the engine of a stream is lost."""
 
 NOTICED_S = 6.0
-"""The time within which it is noticed that nobody makes or reads the states in use."""
+"""The time within which it is noticed that nobody makes the states in use."""
+
+UNREAD_S = 14.0
+"""The time within which it is noticed that nobody reads them; reports take seconds."""
 
 FEATURE = 'Power[uav1]'
 SOURCES = tuple(
@@ -71,6 +76,9 @@ class World:
         self.failures = self.random.choice([0.0, 0.0, 0.1])
         self.losses = self.random.choice([0.0, 0.01])
         self.absences: dict[str, float] = {}
+        self.derailments = self.random.choice([0.0, 0.002])
+        self.samples: Counter[str] = Counter()
+        self.latest, self.is_derailed = 0, False
         self.deaths = self.random.choice([0.0, 0.005])
         clients = SimpleNamespace(
             create_stream=self.create_stream,
@@ -89,7 +97,9 @@ class World:
         self.context: Any = SimpleNamespace(
             node=node,
             clients=clients,
-            streams=SimpleNamespace(known=KnownStreams([], lambda _: True), known_until=0),
+            streams=SimpleNamespace(
+                known=KnownStreams([], lambda _: True), known_until=0, engines=('/engine',)
+            ),
             cleanup=SimpleNamespace(keep_stream=lambda _: None, destroy_stream=self.destroy_stream),
             results=SimpleNamespace(topic='/results'),
             names=(f'states_{number}' for number in count(2)),
@@ -190,6 +200,7 @@ class World:
                 topic=f'/{name}',
                 received={f'/{topic}': received[topic]},
                 waits_for=waits(topic),
+                samples=self.samples[name],
             )
             for name, topic in self.made.items()
         ]
@@ -233,10 +244,17 @@ class World:
         if self.random.random() < 0.2:
             self.report()
         if self.random.random() < 0.1:
+            self.send('progress', partial(self.supervisor.note_progress, self.latest))
+        if self.random.random() < self.derailments:
+            self.read, self.is_derailed = '/nowhere', True
+        if self.random.random() < 0.1:
             self.supervisor.look(round(2.5 * SECOND_NS))
 
     def make_states(self) -> None:
         for name, topic in self.made.items():
+            self.samples[name] += topic not in self.silent
+            if self.read == f'/{name}':
+                self.latest = round(self.heard[topic] * SECOND_NS)
             is_broken = self.now_s - self.heard[topic] > SILENCE_S
             if is_broken and name not in self.violated:
                 self.violate(name, topic, ViolationKind.MAX_DELAY)
@@ -290,7 +308,9 @@ def check(world: World) -> None:
         world.tick()
         fault = world.fault if world.phase is EvaluationPhase.RUNNING else ''
         since = {fault: since.get(fault, world.now_s)} if fault else {}
-        assert world.now_s - since.get(fault, world.now_s) < NOTICED_S, (fault, world.log[-12:])
+        limit = UNREAD_S if 'is read' in fault else NOTICED_S
+        assert world.now_s - since.get(fault, world.now_s) < limit, (fault, world.log[-12:])
+        assert world.is_derailed or 'although states are made' not in ''.join(world.log)
     if world.failure is None:
         world.supervisor.end()
         while world.now_s < 160.0 + END_S and (world.tasks or world.made):

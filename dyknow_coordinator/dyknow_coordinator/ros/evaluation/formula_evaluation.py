@@ -276,8 +276,11 @@ class FormulaEvaluation(Evaluation):
             self._on_change()
         if is_last:
             self._note_last_report()
-        else:
-            self.on_progress()
+            return
+        # Before the first state that counts, others may come.
+        if self._group is not None and (progress.states_progressed or not self.request.since):
+            self._group.states.note_progress(progress.latest_valid_time)
+        self.on_progress()
 
     @property
     def _is_up_to_date(self) -> bool:

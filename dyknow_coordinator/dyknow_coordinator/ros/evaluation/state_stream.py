@@ -26,9 +26,12 @@ SETTLING_S: Final = 0.5
 
 POLL_PERIOD_S: Final = 0.1
 
+ARRIVAL_LIMIT_S: Final = 5.0
+"""Time after which states do not arrive at the reasoning engine that an engine has made."""
+
 
 class StateStream:
-    """A state stream, monitored for violations and for the loss of its engine.
+    """A state stream, monitored for violations, the loss of its engine, and states that get lost.
 
     Args:
         name: unique in the system.
@@ -57,6 +60,8 @@ class StateStream:
         self._watch: PublisherWatch | None = None
         self._is_created = False
         self._is_destroyed = False
+        # The latest state that has arrived, the samples made by then, when the next was missed.
+        self._arrived, self._made, self._missed_at_s = -1, 0, 0.0
 
     async def create(
         self, chosen: tuple[FeatureSource, ...], constraints: StreamConstraints
@@ -139,6 +144,32 @@ class StateStream:
         if self._is_created:
             self._is_created = False
             self._context.cleanup.destroy_stream(self.name)
+
+    def arrival_fault(self, latest: int) -> str:
+        """Return why states of it do not arrive at the reasoning engine; empty if none is missing.
+
+        A stream may rightly have few samples, or be behind states of a former stream.
+
+        Args:
+            latest: the valid time of the latest state there, as just reported; 0 before the first.
+        """
+        streams, now_s = self._context.streams, self._context.wall_time_s()
+        known = streams.known.get(self.name)
+        if latest != self._arrived:
+            self._arrived, self._made, self._missed_at_s = latest, 0, 0.0
+        if known is None:
+            self._made, is_missed = 0, self._is_created and bool(streams.engines)
+        else:
+            self._made = self._made or known.samples
+            # The report on the latest state may be later than the report on its sample.
+            is_later = streams.known_until - known.max_delay > latest
+            is_missed = is_later and known.samples > self._made + 1
+        self._missed_at_s = (self._missed_at_s or now_s) if is_missed else 0.0
+        if not is_missed or now_s - self._missed_at_s < ARRIVAL_LIMIT_S:
+            return ''
+        if known is None:
+            return f"stream '{self.name}' is gone"
+        return f'no state has come for {ARRIVAL_LIMIT_S:g} s, although states are made'
 
     def _check_is_needed(self) -> None:
         if self._is_destroyed:

@@ -219,6 +219,18 @@ class StateSupervisor:
             self._interrupt()
         self.improve()
 
+    def note_progress(self, latest: int) -> None:
+        """Note a report on the latest state, and make the states anew if they do not arrive.
+
+        Args:
+            latest: its valid time in nanoseconds; 0 before the first.
+        """
+        if self._is_changing or self._has_ended or not self.chosen:
+            return
+        if fault := self.stream.arrival_fault(latest):
+            self._session.note_loss(fault)
+            self._interrupt()
+
     def _on_missing(self, error: CoordinationError) -> None:
         now = self._context.wall_time_s()
         if self._missing_since is None:
