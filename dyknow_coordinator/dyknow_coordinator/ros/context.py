@@ -13,6 +13,7 @@ from std_msgs.msg import String
 
 from dyknow_common import SECOND_NS, ExitCode, Symbol
 from dyknow_common.ros import Background, DyKnowNode, ParameterLimits
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import FOLLOWED
 from dyknow_coordinator.grounding.candidate_search import feature_symbols
 from dyknow_coordinator.grounding.known_streams import stream_topic
@@ -76,6 +77,12 @@ class CoordinatorContext:
     def wall_time_s(self) -> float:
         """Return the same time in seconds."""
         return self.wall_time() / SECOND_NS
+
+    def fault(self, error: Exception) -> CoordinationError:
+        """Return the error of formulas for an unexpected one."""
+        if not self.node.context.ok():  # Nothing can be requested any more.
+            return CoordinationError('the coordinator is stopped', ExitCode.UNAVAILABLE)
+        return CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR)
 
     def state_topic(self, name: str) -> str:
         """Return the topic of a state stream, if an engine in the coordinator's namespace has it.

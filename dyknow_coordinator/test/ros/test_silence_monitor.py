@@ -37,18 +37,19 @@ class Bench:
             wall_time_s=lambda: float(self.now),
         )
         states = SimpleNamespace(
-            stream=SimpleNamespace(name='states', created_at_s=BORN),
+            stream=SimpleNamespace(name='states', created_at_s=BORN, arrived_at_s=BORN),
             chosen=('source',),
             waits_for='',
             look=self.limits.append,
         )
         self.infos: list[str] = []
+        self.reasons: list[str] = []
         self.group = SimpleNamespace(
             states=states,
             waits_for='',
             titles='formula',
             logger=SimpleNamespace(warning=self.warnings.append, info=self.infos.append),
-            set_waiting=lambda _: None,
+            set_waiting=self.reasons.append,
         )
         groups: Any = SimpleNamespace(running=lambda: [self.group])
         SilenceMonitor(context, groups, lambda: LIMIT)
@@ -90,6 +91,21 @@ def test_nodes_that_do_not_run_are_blamed_instead_of_a_topic(bench: Bench) -> No
         bench.check(now)
     (warning,) = bench.warnings
     assert 'nothing was reported about topics for 5 s, so none of them is taken for' in warning
+
+
+def test_a_formula_without_states_waits_while_nothing_is_reported(bench: Bench) -> None:
+    """It was taken for running: the last report said that its states come."""
+    bench.check(BORN + 4)
+    assert bench.reasons[-1] == ''
+    bench.check(BORN + 6)
+    assert 'nothing was reported about topics for 5 s' in bench.reasons[-1]
+    bench.group.states.stream.arrived_at_s = BORN + 6
+    bench.check(BORN + 7)
+    assert bench.reasons[-1] == ''
+    bench.check(BORN + 12)
+    assert 'the stream manager or an engine was stopped' in bench.reasons[-1]
+    bench.report(BORN + 12)
+    assert bench.reasons[-1] == ''
 
 
 def test_simulated_time_that_begins_late_or_goes_on(bench: Bench) -> None:

@@ -244,6 +244,23 @@ def test_better_streams_are_not_at_fault_if_no_engine_can_make_their_states(code
     assert [each.stream for each in supervisor.chosen] == ['p_a']
 
 
+@pytest.mark.parametrize('is_better', [False, True])
+def test_an_unexpected_fault_while_streams_change_ends_the_formulas(*, is_better: bool) -> None:
+    """They waited for other states until their timeout."""
+    made = Supervised('b')
+    supervisor = made.supervisor
+    asyncio.run(supervisor.start())
+    made.context.clients.create_stream.side_effect = RuntimeError('the middleware has no memory')
+    if is_better:
+        supervisor.update_candidates(_candidates('a', 'b'))
+    else:
+        made.violate(supervisor.stream, '/b', ViolationKind.LOST)
+    made.context.fault.side_effect = str
+    with pytest.raises(RuntimeError):
+        made.run()
+    made.observer.fail.assert_called_once_with('the middleware has no memory')
+
+
 def test_a_stream_that_cannot_be_made_is_left_for_the_next() -> None:
     made = Supervised('a', 'b', 'c')
     supervisor, create = made.supervisor, made.context.clients.create_stream

@@ -187,15 +187,10 @@ class FormulaEvaluation(Evaluation):
             self.fail(error)
         except Exception as error:  # noqa: BLE001 - the client must get an answer
             self._context.node.log_fault(self.name, error)
-            self.fail(self._fault(error))
+            self.fail(self._context.fault(error))
         expiry.cancel()
         await self._last_report.wait()
         self._leave()
-
-    def _fault(self, error: Exception) -> CoordinationError:
-        if not self._context.node.context.ok():  # Nothing can be requested any more.
-            return CoordinationError('the coordinator is stopped', ExitCode.UNAVAILABLE)
-        return CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR)
 
     async def update_domains(self) -> None:
         """Restart if a sort in the formula has other objects now."""

@@ -16,7 +16,6 @@ PERIOD_S: Final = 0.5
 WAITING_LIMIT_S: Final = 3.0
 """Time that a new state stream has for its first state before its evaluations are waiting."""
 
-
 REPORT_LIMIT_NS: Final = 5 * SECOND_NS
 """Time without a new report on the topics, which come each second, before operators are told."""
 
@@ -61,10 +60,12 @@ class SilenceMonitor:
             group.states.look(round(self._limit_s() * SECOND_NS))
 
     def _report_waiting(self, groups: Sequence[EvaluationGroup]) -> None:
-        latest_start_s = self._context.wall_time_s() - WAITING_LIMIT_S
+        now_s, outdated = self._context.wall_time_s(), self._outdated()
         for group in groups:
-            is_due = group.states.stream.created_at_s <= latest_start_s
-            group.set_waiting(group.states.waits_for if is_due else '')
+            stream = group.states.stream
+            is_still = now_s - stream.arrived_at_s > REPORT_LIMIT_NS / SECOND_NS
+            reason = group.states.waits_for or (outdated if is_still else '')
+            group.set_waiting(reason if now_s - stream.created_at_s >= WAITING_LIMIT_S else '')
         found = {
             f'no state comes for {group.titles}: {group.waits_for}': group
             for group in groups
@@ -73,12 +74,7 @@ class SilenceMonitor:
         waiting = {text: group.logger for text, group in found.items()}
         # The first window of a rate is no fault.
         normal = {text for text, group in found.items() if is_normal_wait(group.waits_for)}
-        if any(group.states.chosen for group in groups) and self._is_outdated():
-            outdated = (
-                f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so '
-                'none of them is taken for silent: this node, the stream manager or an engine was '
-                'stopped, or the computer is too busy for them'
-            )
+        if any(group.states.chosen for group in groups) and outdated:
             waiting[outdated] = self._context.node.get_logger()
         for text in self._log.new(waiting):
             # A line of code logs with one severity only.
@@ -87,7 +83,13 @@ class SilenceMonitor:
             else:
                 waiting[text].warning(with_readable_times(text))
 
-    def _is_outdated(self) -> bool:
-        """Return True if the latest report is old; simulated time may stand still, or be fast."""
+    def _outdated(self) -> str:
+        """Return that the latest report is old, else ''; simulated time may stand still."""
         since = max(self._context.streams.heard_at, self._time_passes_since)
-        return self._context.wall_time() - since > REPORT_LIMIT_NS
+        if self._context.wall_time() - since <= REPORT_LIMIT_NS:
+            return ''
+        return (
+            f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so none of '
+            'them is taken for silent: this node, the stream manager or an engine was stopped, or '
+            'the computer is too busy for them'
+        )

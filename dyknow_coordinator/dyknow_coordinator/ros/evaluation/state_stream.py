@@ -52,7 +52,8 @@ class StateStream:
         """The sources that it is made from."""
         self.sources: Mapping[str, int] = {}
         """The ids of the streams of the sources, by their topics."""
-        self.created_at_s = context.wall_time_s()
+        self.created_at_s = self.arrived_at_s = context.wall_time_s()
+        """When it was created; when its latest state arrived at the reasoning engine."""
         self._context = context
         self._on_violation = on_violation
         self._on_lost = on_lost
@@ -157,6 +158,7 @@ class StateStream:
         known = streams.known.get(self.name)
         if latest != self._arrived:
             self._arrived, self._made, self._missed_at_s = latest, 0, 0.0
+            self.arrived_at_s = now_s
         if known is None:
             self._made, is_missed = 0, self._is_created and bool(streams.engines)
         else:

@@ -23,7 +23,7 @@ Without a gap, because a better stream is available:
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Final, Protocol
 
@@ -197,8 +197,7 @@ class StateSupervisor:
             return
         if self._context.wall_time() < self._next_try:
             return
-        self._is_changing = True
-        self._context.node.spawn(self._improve)
+        self._start_change(self._improve)
 
     def look(self, silence_limit: int) -> None:
         """Find sources at fault, and better ones; periodically.
@@ -302,8 +301,18 @@ class StateSupervisor:
     def _interrupt(self) -> None:
         self._observer.set_phase(EvaluationPhase.INTERRUPTED)
         if not self._is_changing:
-            self._is_changing = True
-            self._context.node.spawn(self._recover)
+            self._start_change(self._recover)
+
+    def _start_change(self, change: Callable[[], Awaitable[None]]) -> None:
+        self._is_changing = True
+        self._context.node.spawn(self._change, change)
+
+    async def _change(self, change: Callable[[], Awaitable[None]]) -> None:
+        try:
+            await change()
+        except Exception as error:  # Otherwise, the formulas would wait for other states for ever.
+            self._observer.fail(self._context.fault(error))
+            raise
 
     async def _recover(self) -> None:
         """Switch to other streams because of faults, or fail."""
