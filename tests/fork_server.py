@@ -228,7 +228,10 @@ def become(request: Mapping[str, Any], streams: list[int], connection: socket.so
     executable = Path(sys.argv[0]).name
     if executable in STARTING and serve_beside():
         return
-    ctypes.CDLL(None).prctl(PR_SET_NAME, executable.encode())
+    library = ctypes.CDLL(None)
+    library.prctl(PR_SET_NAME, executable.encode())
+    # Libraries would end threads that are left to the server, and crash.
+    library.on_exit(library._exit, None)
     for name, number, mode in (('stdin', 0, 'r'), ('stdout', 1, 'w'), ('stderr', 2, 'w')):
         buffering = 1 if name == 'stderr' or os.isatty(number) else -1
         stream = open(number, mode, buffering, encoding='utf-8', closefd=False)  # noqa: SIM115

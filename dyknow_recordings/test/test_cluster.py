@@ -46,7 +46,7 @@ class DaskCluster:
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
     def start_workers(self, number: int, first_on_path: Path | None = None) -> None:
-        """Start workers, of which one is awaited by whoever uses the cluster."""
+        """Start workers, and wait until the scheduler knows them."""
         self.workers += [
             dask(
                 'worker',
@@ -56,6 +56,10 @@ class DaskCluster:
             )
             for _ in range(number)
         ]
+        from distributed import Client  # noqa: PLC0415 - only where it is installed
+
+        with Client(self.address, timeout=LIMIT_S, set_as_default=False) as client:
+            client.wait_for_workers(len(self.workers), LIMIT_S)
 
     def kill_workers(self) -> None:
         while self.workers:
