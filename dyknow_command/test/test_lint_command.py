@@ -412,3 +412,24 @@ def test_texts_that_lack_quotes_get_them(
     path.write_text(both)
     assert lint(capsys, '--fix', path)[0] == 2
     assert path.read_text() == both
+
+
+@pytest.mark.parametrize(
+    ('robot', 'warned'),
+    [
+        ('', "no stream 'powr' is known; did you mean 'power'?"),
+        # A peer may have the stream.
+        ('federation: {name: r1}', ''),
+    ],
+)
+def test_a_stream_that_is_not_known(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, robot: str, warned: str
+) -> None:
+    path, formulas = tmp_path / 'robot.yaml', tmp_path / 'formulas.txt'
+    streams = 'streams: \'stream power = select x from "/p"; sink power\''
+    path.write_text(f'{streams}\n{robot}\nformulas: [{{name: a, formula: powr.x < power.x}}]\n')
+    formulas.write_text('always powr.x < 1\n')
+    assert 'powr' not in lint(capsys, formulas)[1]
+    shown = lint(capsys, path)[1]
+    assert warned in shown
+    assert warned or 'powr' not in shown, shown

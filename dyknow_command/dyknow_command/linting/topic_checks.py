@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Final
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
-from dyknow_command.linting.inputs import LintInputs
+from dyknow_command.linting.inputs import LintInputs, PlacedFormula
 from dyknow_command.linting.vocabulary_checks import (
     annotations_of,
     references_of,
@@ -16,7 +18,7 @@ from dyknow_command.linting.vocabulary_checks import (
     streams_of,
 )
 from dyknow_command.observing import absolute_topic
-from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, InlineText, StreamConstraints
 from dyknow_configuration import (
     ObservedTopic,
     broken_constraints,
@@ -27,6 +29,7 @@ from dyknow_stream_processing import (
     Select,
     StreamReference,
     nearest_topics,
+    read_streams,
     references,
     subterms,
 )
@@ -76,11 +79,17 @@ def name_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> It
 
 
 def stream_name_findings(inputs: LintInputs) -> Iterator[Finding]:
-    """Yield names in quotes, as topics have them, that formulas take for streams."""
+    """Yield the streams of formulas that are not known, as some may mean topics."""
     known = {each.input for each in inputs.guards}
     known |= {each.name for _, each in streams_of(inputs)}
     known |= {each.stream for _, each in annotations_of(inputs) if not each.is_topic}
+    with suppress(DyKnowError):  # Reported elsewhere.
+        known |= {each.name for each in read_streams(inputs.files.streams)}
+    # Without these, the streams may be defined in other files.
+    is_whole = (inputs.has_robot or inputs.files.streams) and not inputs.has_peers
     for formula in inputs.formulas:
+        if is_whole:
+            yield from _unknown_streams(formula, known)
         for found in _QUOTED_STREAM.finditer(formula.requested.text):
             if found[1] not in known:
                 text = (
@@ -89,6 +98,24 @@ def stream_name_findings(inputs: LintInputs) -> Iterator[Finding]:
                     'streams need no quotes'
                 )
                 yield warning_at(formula.place(found.start()), text)
+
+
+def _unknown_streams(formula: PlacedFormula, known: set[str]) -> Iterator[Finding]:
+    """Yield the names without quotes that a formula has for streams that are not known."""
+    named = {
+        each.name
+        for source, _ in sources_of(formula)
+        for each in references(source)
+        if not each.is_topic and each.name not in known
+    }
+    for name in sorted(named):
+        near = get_close_matches(name, known, n=1)
+        mend = 'define it, or for a topic write its absolute name in quotes'
+        if near:
+            mend = f"did you mean '{near[0]}'?"
+        text = f"no stream '{name}' is known; {mend}"
+        for found in re.finditer(rf'(?<![\w."/]){re.escape(name)}(?=\.)', formula.requested.text):
+            yield warning_at(formula.place(found.start()), text)
 
 
 def topic_findings(
