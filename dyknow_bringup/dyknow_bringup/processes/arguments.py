@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -61,8 +62,14 @@ def for_any_namespace(path: Path) -> Path:
     return copy
 
 
-def configuration(values: Mapping[str, str]) -> SystemConfiguration:
+def configuration(
+    values: Mapping[str, str], changed: Callable[[Path], Path] = for_any_namespace
+) -> SystemConfiguration:
     """Return the configuration that the values of the arguments describe.
+
+    Args:
+        values: the values of the arguments.
+        changed: returns the file of parameters to use in place of the given one.
 
     Raises:
         DyKnowError: if a file or a value is wrong.
@@ -75,7 +82,7 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         bridges=_files(values['bridges']),
         store=Path(store).resolve() if store else None,
         reasoner=values['reasoner'],
-        params_file=for_any_namespace(Path(params_file).resolve()) if params_file else None,
+        params_file=changed(Path(params_file).resolve()) if params_file else None,
         engines=number('engines', values['engines']),
         recorder={'folder': str(Path(record).resolve())} if record else None,
     )
@@ -95,8 +102,12 @@ def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
         BringupError: if the namespaces cannot be used, or the robots would share a store.
     """
     namespaces = _listed(values['robots'])
+    # A file that is the same for all is changed once, and warned of once.
+    changed = cache(for_any_namespace)
     configurations = [
-        configuration({name: text.replace(ROBOT, each.strip('/')) for name, text in values.items()})
+        configuration(
+            {name: text.replace(ROBOT, each.strip('/')) for name, text in values.items()}, changed
+        )
         for each in namespaces
     ]
     processes = robot_processes(namespaces, configurations)

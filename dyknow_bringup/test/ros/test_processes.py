@@ -115,6 +115,16 @@ def test_each_robot_has_a_system_in_its_namespace(tmp_path: Path) -> None:
     )
 
 
+def test_a_file_of_all_robots_is_warned_of_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'parameters.yaml'
+    path.write_text('stream_managr:\n  ros__parameters: {silence_limit: 3.0}\n')
+    processes = robots(robot_arguments(robots='robot1,robot2,robot3', params_file=str(path)))
+    assert len(processes) == 21
+    assert capsys.readouterr().err.count('warning: ') == 1
+
+
 @pytest.mark.parametrize(
     ('values', 'words'),
     [
