@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from dyknow_common import (
     CONSTRAINT_KINDS,
     NOWHERE,
     ConstraintKind,
+    DyKnowError,
     LanguageError,
+    StreamConstraints,
     TextPosition,
     unknown,
 )
@@ -57,6 +59,12 @@ class ComposedText:
         self._starts.append(len(self))
         self._origins.append((origin, first))
         self._parts.append(text)
+        return self
+
+    def add_parts(self, parts: Iterable[tuple[str, YamlValue]]) -> Self:
+        """Add texts, each of which as a whole stands for its value."""
+        for text, origin in parts:
+            self.add(text, origin)
         return self
 
     def add_value(self, value: YamlValue) -> Self:
@@ -126,10 +134,24 @@ _READERS: Final[Mapping[ConstraintKind, Callable[[YamlValue], int]]] = {
 }
 
 
+def constraint_value(name: str, value: YamlValue) -> int:
+    """Return the value of a constraint; durations are in nanoseconds.
+
+    Raises:
+        ConfigurationError: if no stream can have it, whatever other constraints it has.
+    """
+    found = _READERS[CONSTRAINT_KINDS[name]](value)
+    given: dict[str, Any] = {name: found}
+    try:
+        StreamConstraints(**given).validate_values()
+    except DyKnowError as error:
+        raise value.error(error.message) from None
+    return found
+
+
 def _constraint_text(name: str, value: YamlValue) -> str:
-    kind = CONSTRAINT_KINDS[name]
-    found = _READERS[kind](value)
-    return value.line() if value.is_text else kind.text(found)
+    found = constraint_value(name, value)
+    return value.line() if value.is_text else CONSTRAINT_KINDS[name].text(found)
 
 
 def constraint_texts(stated: Mapping[str, YamlValue]) -> dict[str, str]:
@@ -141,8 +163,22 @@ def constraint_texts(stated: Mapping[str, YamlValue]) -> dict[str, str]:
     }
 
 
-def constraints_text(stated: Mapping[str, YamlValue], **defaults: str) -> str:
-    """Return the constraints of a stream that are among some keys, ` with max_gap = 1 s`."""
-    found = {**defaults, **constraint_texts(stated)}
-    given = [f'{name} = {text}' for name, text in found.items()]
-    return f' with {", ".join(given)}' if given else ''
+def constraint_parts(
+    stated: Mapping[str, YamlValue], origin: YamlValue, **defaults: str
+) -> tuple[tuple[str, YamlValue], ...]:
+    """Return the constraints of a stream that are among some keys, ` with max_gap = 1 s`.
+
+    They are parts of a text, each with its value.
+
+    Args:
+        stated: the values by key.
+        origin: the value that stands for the defaults.
+        defaults: the constraints that are not stated.
+    """
+    texts = constraint_texts(stated)
+    # An error about several is shown at the first.
+    found = {**texts, **defaults, **texts}
+    return tuple(
+        (f'{", " if index else " with "}{name} = {text}', stated.get(name, origin))
+        for index, (name, text) in enumerate(found.items())
+    )

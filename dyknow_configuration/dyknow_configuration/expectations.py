@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+from dyknow_configuration.composed_text import constraint_value
 from dyknow_configuration.yaml_values import YamlValue
 
 TIMING_KEYS: Final = ('max_gap', 'max_delay', 'max_lead')
@@ -84,7 +85,9 @@ def _rate(value: YamlValue) -> float:
 
 
 def _constraints(stated: Mapping[str, YamlValue]) -> StreamConstraints:
-    given: dict[str, Any] = {key: stated[key].duration() for key in TIMING_KEYS if key in stated}
+    given: dict[str, Any] = {
+        key: constraint_value(key, stated[key]) for key in TIMING_KEYS if key in stated
+    }
     constraints = StreamConstraints(**given)
     try:
         constraints.validate()

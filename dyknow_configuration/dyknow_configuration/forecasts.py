@@ -45,7 +45,7 @@ from dyknow_common import (
 from dyknow_configuration.composed_text import (
     PLACEHOLDER,
     ComposedText,
-    constraints_text,
+    constraint_parts,
     variables,
 )
 from dyknow_configuration.regions import KNOWN_CONSTRAINTS
@@ -240,7 +240,8 @@ class _ForecastReader:
         if self._path:
             selected = ', '.join(f'{field} as {name}' for name, field in PATH_INPUTS.items())
             path = f', select {selected} from {quoted(self._path_topic(objects))}'
-            path += constraints_text(self._path)
+            parts = constraint_parts(self._path, self._path['topic'])
+            path += ''.join(text for text, _ in parts)
         return f'{forecast.by}(select {fields} from {source}{given}{path}, {stated})'
 
     def _path_topic(self, objects: Mapping[str, str]) -> str:

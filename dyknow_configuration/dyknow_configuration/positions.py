@@ -30,7 +30,7 @@ from itertools import combinations_with_replacement, product
 from typing import Final
 
 from dyknow_common import InlineText, listed, quoted
-from dyknow_configuration.composed_text import ComposedText, constraints_text
+from dyknow_configuration.composed_text import ComposedText, constraint_parts
 from dyknow_configuration.regions import (
     DISTANCES,
     POSES,
@@ -232,7 +232,7 @@ class _PositionSource:
         self._frame_field = 'header.frame_id' if is_checked else ''
         self.is_swept = 'moves' in stated and bool(stated['moves'].choice('motion', ('straight',)))
         self._units = tuple(DISTANCES) if self.is_swept else tuple(DISTANCES)[:1]
-        self._constraints = constraints_text(stated)
+        self._constraints = constraint_parts(stated, value)
         self.orientation = stated.get('orientation', stated.get('yaw'))
         """The field that has the orientation or the yaw."""
         self._heading = self._heading_fields(stated)
@@ -288,7 +288,7 @@ class _PositionSource:
             text.add(f'stream {name}_distance_to_{region.name} = moving_distance(', self.value)
             self._add_position(text, name, axes)
             text.add(', ', self.value).add(region.source, region.origin)
-            text.add(region.constraints, region.origin)
+            text.add_parts(region.constraints)
             text.add(f', {region.name} = {quoted(region.text)});\n', self.value)
             text.add(f'sink {name}_distance_to_{region.name};\n', self.value)
         return self._checked(text)
@@ -387,7 +387,7 @@ class _PositionSource:
 
     def _add_source(self, text: ComposedText, name: str) -> None:
         text.add(f' from {self._source_of(name)}', self._source)
-        text.add(self._constraints, self.value)
+        text.add_parts(self._constraints)
 
     def _source_of(self, name: str) -> str:
         objects = {self._variable: name}

@@ -23,7 +23,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 from dyknow_common import CONSTRAINT_KINDS, WKT, quoted, unknown
-from dyknow_configuration.composed_text import constraints_text
+from dyknow_configuration.composed_text import constraint_parts
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import (
     ALL_HEIGHTS,
@@ -103,7 +103,7 @@ class MovingRegion:
         altitude: its lowest and highest height, in metres; infinite without a bound.
         source: the stream of its `outline`, and of its `frame` if that is checked, without its
             constraints.
-        constraints: the constraints of that stream.
+        constraints: the constraints of that stream, as parts of a text with their values.
         is_checked: True if the frame of each message is compared.
         origin: where the file states it.
     """
@@ -113,7 +113,7 @@ class MovingRegion:
     frame: str
     altitude: tuple[float, float]
     source: str
-    constraints: str
+    constraints: tuple[tuple[str, YamlValue], ...]
     is_checked: bool
     origin: YamlValue
 
@@ -263,7 +263,7 @@ def _moving(
         frame,
         altitude,
         f'select {checked}{WKT}({points}) as outline from {topic}',
-        constraints_text(stated, **(_STAMPED if is_checked else {})),
+        constraint_parts(stated, stated['topic'], **(_STAMPED if is_checked else {})),
         is_checked,
         stated['topic'],
     )

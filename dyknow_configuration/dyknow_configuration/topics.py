@@ -27,7 +27,12 @@ from dyknow_common import (
     quoted,
     unit_conversion,
 )
-from dyknow_configuration.composed_text import ComposedText, constraint_texts, variables
+from dyknow_configuration.composed_text import (
+    ComposedText,
+    constraint_parts,
+    constraint_texts,
+    variables,
+)
 from dyknow_configuration.robot import RobotFeature, RobotVocabulary, choices
 from dyknow_configuration.yaml_values import YamlValue
 
@@ -135,7 +140,7 @@ class FeatureCarrier:
         return stream, ', '.join(f'{name} = {text}' for name, text in self._constraints.items())
 
     def _annotation(self, objects: Mapping[str, str]) -> str:
-        stream, constraints = self.stream_of(objects)
+        stream, _ = self.stream_of(objects)
         name = quoted(stream) if self.is_topic else stream
         arguments = ', '.join(objects.get(each, each) for each in self._feature.arguments)
         feature = f'{self._feature.name}[{arguments}]' if arguments else self._feature.name
@@ -153,8 +158,7 @@ class FeatureCarrier:
             text.add(f' for every {ranges} where ', self.stated['where'])
             for index, (variable, key) in enumerate(self._keys.items()):
                 text.add(f'{", " if index else ""}{variable} = ', key).add_value(key)
-        if constraints:
-            text.add(f' with {constraints}', self.stated[next(iter(self._constraints))])
+        text.add_parts(constraint_parts(self.stated, self._stream))
         text.add(';', self._value)
         with text.errors():
             self._check(str(text))
