@@ -40,8 +40,11 @@ from dyknow_reasoning.progression.instances import (
     ground_atoms,
     required_features,
 )
-from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownValueError
-from dyknow_reasoning.progression.value_bounds import bounded_truth
+from dyknow_reasoning.progression.unknown_features import (
+    ALL_KNOWN,
+    UnknownValueError,
+    bounded_truth,
+)
 from dyknow_reasoning.results import NamedFormula
 from dyknow_reasoning.trial import asked_of_each_state
 

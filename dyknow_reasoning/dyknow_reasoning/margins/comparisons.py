@@ -30,8 +30,7 @@ from dyknow_reasoning.progression.atoms import (
     term_reader,
 )
 from dyknow_reasoning.progression.routes import Array
-from dyknow_reasoning.progression.unknown_features import ANY_NUMBER
-from dyknow_reasoning.progression.value_bounds import RangeOf, bounded_sides
+from dyknow_reasoning.progression.unknown_features import ANY_NUMBER, RangeOf, bounded_sides
 
 UNUSABLE = ReasoningError, OverflowError
 """The errors of a reader where the values are unusable."""

@@ -33,8 +33,7 @@ from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import UnknowableError
 from dyknow_reasoning.progression.nodes import Window, descendants, slots
 from dyknow_reasoning.progression.residual import growth_error, interval_of
-from dyknow_reasoning.progression.unknown_features import UnknownValueError
-from dyknow_reasoning.progression.value_bounds import bounded_truth
+from dyknow_reasoning.progression.unknown_features import UnknownValueError, bounded_truth
 
 Place: TypeAlias = tuple[Location, Times]
 """Where an instance is in its automaton."""
