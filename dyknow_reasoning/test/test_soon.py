@@ -105,6 +105,7 @@ def test_what_is_certain_now_is_possible_soon(body: str, found: Forecasts) -> No
         ('always not soon[500 ms] x < 0', 'always (not (x_low_500ms < 0))'),
         ('soon[1 s] not (x < 0 -> y <= 1)', '(x_low_1s < 0) and (y_high_1s > 1)'),
         ('soon[1 min] 3 != x', '(3 < x_high_60s) or (3 > x_low_60s)'),
+        ('let x: m in soon[5 s] abs(x) > 3 km', 'max(x_high_5s, 0 - x_low_5s) > 3000.0'),
         ('let far = 2 in soon[1 s] far * x - y < 1', '((2 * x_low_1s) - y_high_1s) < 1'),
         ('soon[1 s] exists u in V: x[u] / -2 > 1', 'exists u in V: ((x_low_1s[u] / -2) > 1)'),
         (

@@ -31,6 +31,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.functions import built_in_unit
+from dyknow_reasoning.language.soon import ForecastFeature
 from dyknow_reasoning.language.spatial import LinkLength, Over, Spatial
 from dyknow_reasoning.language.terms import (
     Aggregate,
@@ -310,6 +311,8 @@ class _Conversion:
 
     def _unit_of(self, term: Feature | FieldReference) -> str:
         name = term.name if isinstance(term, Feature) else str(term)
+        if name not in self.units and (bound := ForecastFeature.of(name)):
+            name = bound.feature
         if unit := self.units.get(name):
             return unit
         if isinstance(term, FieldReference) and (unit := built_in_unit(term)):
