@@ -30,7 +30,7 @@ from dyknow_reasoning.progression.atoms import (
     term_reader,
 )
 from dyknow_reasoning.progression.routes import Array
-from dyknow_reasoning.progression.unknown_features import ANY_NUMBER, RangeOf, bounded_sides
+from dyknow_reasoning.progression.unknown_features import ANY_NUMBER, Range, RangeOf, bounded_sides
 
 UNUSABLE = ReasoningError, OverflowError
 """The errors of a reader where the values are unusable."""
@@ -75,15 +75,13 @@ class AtomMargins:
     Attributes:
         read: returns the margin at a state, of several atoms as an array.
         limits: what each atom compares, if it is of the commonest form.
-        numbers: the numbers of the atoms.
     """
 
     def __init__(self, atoms: Sequence[SignedAtom], kinds: Kinds) -> None:
-        self.limits = limits = [limit_of(each) for each in atoms]
-        self.numbers = numbers = [each.number for each in atoms]
+        self.atoms, self._kinds = atoms, kinds
+        self.limits = [limit_of(each) for each in atoms]
         self._readers = readers = [_reader(each, kinds) for each in atoms]
-        self._bounded = [_bounded(each, kinds) for each in atoms]
-        self.read = readers[0] if len(readers) == 1 else _array_reader(readers, limits, numbers)
+        self.read = readers[0] if len(atoms) == 1 else _array_reader(readers, self.limits, atoms)
 
     def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
         """Return the margin at a state, or a bound of it where the values are unusable.
@@ -94,14 +92,14 @@ class AtomMargins:
             range_of: returns the bounds of an unknown feature.
         """
         found = []
-        for read, bounds, number in zip(self._readers, self._bounded, self.numbers, strict=True):
+        for read, atom in zip(self._readers, self.atoms, strict=True):
             try:
                 found.append(read(values))
             except UNUSABLE:
-                low, high = bounds(values, range_of)
+                low, high = _bounds(atom, values, range_of, self._kinds)
                 bound = low if unknown is LOWEST else high
                 infinite = HIGHEST if bound > 0 else LOWEST
-                found.append((bound, number) if isfinite(bound) else infinite)
+                found.append((bound, atom.number) if isfinite(bound) else infinite)
         return found[0] if len(found) == 1 else vector(found)
 
 
@@ -145,7 +143,7 @@ def signals_reader(signals: Sequence[StateReader]) -> Callable[[Values], Sequenc
             field = fields.setdefault(limit.field, f'field_{len(fields)}')
             names[f'number_{index}'] = float(limit.number)
             sides = (field, f'number_{index}') if limit.is_above else (f'number_{index}', field)
-            margins[index] = f'({" - ".join(sides)}, {each.numbers[0]})'
+            margins[index] = f'({" - ".join(sides)}, {each.atoms[0].number})'
 
     def careful(values: Values) -> Sequence[Any]:
         return [each.read(values) for each in signals]
@@ -159,31 +157,27 @@ def signals_reader(signals: Sequence[StateReader]) -> Callable[[Values], Sequenc
     return generated_reader(variables, unusual, f'[{", ".join(margins)}]', names, careful)
 
 
-def _bounded(signed: SignedAtom, kinds: Kinds) -> Callable[[Values, RangeOf], tuple[float, float]]:
+def _bounds(signed: SignedAtom, values: Values, range_of: RangeOf, kinds: Kinds) -> Range:
     """Return the bounds of the margin of an atom for all that unknown values may be."""
     atom, _, positive = signed
-
-    def read(values: Values, range_of: RangeOf) -> tuple[float, float]:
-        if not isinstance(atom, Comparison) or atom.operator not in _DISTANCES:
-            return ANY_NUMBER
-        operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
-        try:
-            sides = bounded_sides(atom, values, range_of, kinds)
-        except NoStateBeforeError:
-            return (-inf, -inf) if positive else (inf, inf)
-        except UNUSABLE:
-            sides = None
+    if not isinstance(atom, Comparison) or atom.operator not in _DISTANCES:
+        return ANY_NUMBER
+    operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
+    try:
+        sides = bounded_sides(atom, values, range_of, kinds)
         if sides is None:
             return ANY_NUMBER
         distances = [_DISTANCES[operator](*each) for each in product(*sides)]
-        if any(map(isnan, distances)):
-            return ANY_NUMBER
-        (low, high), (least, most) = sides
-        if operator in {'=', '!='} and low <= most and least <= high:
-            distances.append(0.0)
-        return min(distances), max(distances)
-
-    return read
+    except NoStateBeforeError:
+        return (-inf, -inf) if positive else (inf, inf)
+    except UNUSABLE:
+        return ANY_NUMBER
+    if any(map(isnan, distances)):
+        return ANY_NUMBER
+    (low, high), (least, most) = sides
+    if operator in {'=', '!='} and low <= most and least <= high:
+        distances.append(0.0)
+    return min(distances), max(distances)
 
 
 class _Limit(NamedTuple):
@@ -232,7 +226,7 @@ def _false_without_past(margin: MarginReader, *, positive: bool) -> MarginReader
 
 
 def _array_reader(
-    readers: Sequence[MarginReader], limits: Sequence[_Limit | None], numbers: Sequence[int]
+    readers: Sequence[MarginReader], limits: Sequence[_Limit | None], atoms: Sequence[SignedAtom]
 ) -> MarginReader:
     """Return the margins of several atoms, at once if all values are numbers."""
 
@@ -248,7 +242,7 @@ def _array_reader(
     places = np.array([fields[each.field] for each in known])
     bounds = np.array([each.number for each in known], float)
     signs = np.array([1.0 if each.is_above else -1.0 for each in known])
-    template = vector([(0.0, number) for number in numbers])
+    template = vector([(0.0, each.number) for each in atoms])
 
     def read(values: Values) -> Any:
         try:
