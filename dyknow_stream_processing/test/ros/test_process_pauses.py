@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from threading import current_thread
+from time import monotonic_ns, sleep
 from unittest.mock import Mock
 
 import pytest
 
+from dyknow_stream_processing.ros.topics import process_pauses
 from dyknow_stream_processing.ros.topics.node_topics import _in_time
-from dyknow_stream_processing.ros.topics.process_pauses import ProcessPauses
+from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, ProcessPauses
 from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage
 
 MS = 1_000_000
@@ -42,6 +45,43 @@ def test_the_thread_may_notice_a_pause_first(pauses: ProcessPauses) -> None:
 def test_of_two_pauses_the_first_one_counts(pauses: ProcessPauses) -> None:
     assert pauses.unsettled_for(1450 * MS) == 1000 * MS
     assert pauses.unsettled_for(2450 * MS) == 2000 * MS
+
+
+@pytest.mark.parametrize(
+    ('pause', 'run', 'longest'), [(5000, 10_000, 260), (230, 120, 1120), (230, 30, None)]
+)
+def test_messages_wait_for_a_bounded_time_if_one_pause_follows_another(
+    monkeypatch: pytest.MonkeyPatch, pause: int, run: int, longest: int | None
+) -> None:
+    """They waited until 250 ms passed without a pause: on a busy computer for ever."""
+    pauses, own = ProcessPauses(0), current_thread()
+
+    def now() -> int:
+        # The thread of the pauses of this process goes on.
+        return time * MS if current_thread() is own else monotonic_ns()
+
+    monkeypatch.setattr(process_pauses, 'time', Mock(monotonic_ns=now, sleep=sleep))
+    monkeypatch.setattr(pauses, 'start', Mock())
+    monkeypatch.setattr(process_pauses, 'PAUSES', pauses)
+    wait = PauseWait(Mock(), Mock(), Mock(), Mock())
+    waits: list[int] = []
+    since = time = 0
+    while time < 15_000:
+        resumed = time = time + pause
+        since = since or resumed
+        while time < resumed + run:
+            time += 10
+            pauses.note_sign_of_life(time * MS)
+            if wait.goes_on(time * MS):
+                assert wait.length(time * MS) >= pause * MS
+                continue
+            wait.end()
+            assert wait.length(time * MS) == 0
+            if since:
+                assert time - resumed > 50
+                waits.append(time - since)
+            since = 0
+    assert max(waits, default=None) == longest
 
 
 def test_messages_that_are_received_after_a_pause_may_have_waited(pauses: ProcessPauses) -> None:

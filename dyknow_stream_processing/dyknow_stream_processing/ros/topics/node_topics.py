@@ -241,6 +241,10 @@ class NodeTopics:
         """Return for how long the oldest message has waited at a time, in nanoseconds."""
         return now - self._taken[0].receipt_time if self._taken else 0
 
+    def pause(self, now: int) -> int:
+        """Return for how long messages may have waited because of a pause, in nanoseconds."""
+        return self._pause.length(now)
+
     def _go_on(self) -> None:
         self.catch_up(self._node.get_clock().now().nanoseconds)
 

@@ -32,6 +32,12 @@ PAUSE_NS: Final = 200 * NANOSECONDS['ms']
 SETTLING_NS: Final = 250 * NANOSECONDS['ms']
 """The time after a pause until the middleware has received what was sent meanwhile."""
 
+MAX_WAIT_NS: Final = SECOND_NS
+"""The longest wait for messages if one pause follows another before the first one is over."""
+
+LEAST_RUN_NS: Final = 50 * NANOSECONDS['ms']
+"""The time after the last of them after which that wait may end."""
+
 _DELIVERY_NS: Final = 10 * SECOND_NS
 """The time after a pause in which requests may arrive that were sent before the pause ended.
 
@@ -71,6 +77,10 @@ class ProcessPauses:
             # The thread may not have run since the pause.
             self._note(now)
             return None if self._began is None else now - self._began
+
+    def runs_for(self, now: int) -> int:
+        """Return the time since the end of the last pause, in nanoseconds."""
+        return now - self._settled_at + SETTLING_NS
 
     def delay_of(self, sent_at: int | None) -> int:
         """Return for how long a message has waited because of a pause, nanoseconds.
@@ -150,6 +160,8 @@ def is_pause_recent() -> bool:
 class PauseWait:
     """Wait of a node after a pause, until it can process all messages of the time before.
 
+    On a busy computer, one pause may follow another for long. Messages wait for MAX_WAIT_NS then.
+
     Args:
         catch_up: tries to process the messages at a time; returns False if the wait goes on.
     """
@@ -163,20 +175,29 @@ class PauseWait:
         self._wall_clock = wall_clock
         self._catch_up = catch_up
         self._began: int | None = None
+        self._since, self._ended = 0, 0
         self._timer: Any = None
 
     def goes_on(self, now: int) -> bool:
         """Return True if the wait is not over at a time of the node's clock, nanoseconds."""
-        unsettled_for = PAUSES.unsettled_for(time.monotonic_ns())
-        if unsettled_for is None:
+        steady = time.monotonic_ns()
+        unsettled_for, runs_for = PAUSES.unsettled_for(steady), PAUSES.runs_for(steady)
+        if unsettled_for is None or runs_for >= steady - self._ended:
             return False
         if self._began is None:
-            self._began = now - unsettled_for
+            self._began, self._since = now - min(unsettled_for, steady - self._ended), steady
+        if steady - self._since > MAX_WAIT_NS and runs_for > LEAST_RUN_NS:
+            self._ended = steady
+            return False
         if self._timer is None:
             self._timer = self._node.create_timer(
                 _PERIOD_S, self._retry, callback_group=self._group, clock=self._wall_clock
             )
         return True
+
+    def length(self, now: int) -> int:
+        """Return for how long messages may have waited at a time, in nanoseconds."""
+        return 0 if self._began is None else now - self._began
 
     def end(self) -> int | None:
         """End the wait, and return the begin of the pause; `None` without one."""

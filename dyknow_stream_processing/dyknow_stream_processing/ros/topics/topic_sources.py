@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -27,7 +26,6 @@ from dyknow_stream_processing.ros.messages.message_types import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import sample_fields
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
-from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import (
     TopicNames,
     find_publication,
@@ -120,8 +118,7 @@ class TopicSources:
         """
         self.catch_up()
         now = self._node.get_clock().now().nanoseconds
-        paused = PAUSES.unsettled_for(time.monotonic_ns()) or 0
-        return int(max(now - max(paused, self._topics.lag(now)), 0))
+        return int(max(now - max(self._topics.pause(now), self._topics.lag(now)), 0))
 
     def lag(self) -> int:
         """Return for how long the oldest message has waited, in nanoseconds."""
