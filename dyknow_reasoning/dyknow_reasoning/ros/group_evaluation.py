@@ -413,7 +413,7 @@ class GroupEvaluation:
         self._work.receive(lambda: self._handle(stream, state))
 
     def _handle(self, stream: StateSubscription, state: State) -> None:
-        if stream is self._line.stream:
+        if stream is self._line.stream and not self._is_destroyed:
             self._receive(state)
         if self._line.next:
             # After the state, if that takes long.

@@ -443,6 +443,17 @@ def test_a_formula_gets_the_states_until_a_time(heavy_step_s: float) -> None:
             made.evaluation.group.remove_formula(CALM)
 
 
+def test_states_that_wait_for_a_group_that_is_destroyed_are_not_progressed() -> None:
+    """They kept the background busy, for which the work of other groups waited."""
+    with Group() as made, mock.patch.object(group_evaluation, 'HEAVY_STEP_S', -1.0):
+        for valid_time in (1, 2, 3):
+            made.receive('/former', valid_time)
+        made.evaluation.destroy()
+        made.drain()
+        assert made.progressed == [1]
+        assert not made.evaluation._work.is_busy
+
+
 def test_a_formula_without_a_state_until_a_time() -> None:
     with Group() as made:
         run_to_end(made.evaluation.remove_formula(CALM, 3))
