@@ -116,7 +116,7 @@ class StateSupervisor:
         self._missing_since: float | None = None
         self._is_changing = False
         self._has_ended = False
-        self._session.chosen = self._choose(inputs.candidates)
+        self._session.chosen = self._session.choose(inputs.candidates, context.wall_time())
         self.stream = self._new_stream(name)
         self.used_since = context.node.now()
         """The time since which the streams in use are."""
@@ -161,7 +161,7 @@ class StateSupervisor:
 
     def would_choose_from(self, candidates: Candidates) -> bool:
         """Return True if the same streams would be chosen from other candidates now."""
-        return self._choose(candidates) == self.chosen
+        return self._session.choose(candidates, self._context.wall_time()) == self.chosen
 
     async def start(self) -> None:
         """Create the state stream (steps 9 to 11).
@@ -239,9 +239,6 @@ class StateSupervisor:
 
     def _new_stream(self, name: str) -> StateStream:
         return StateStream(self._context, name, self._on_violation, self._on_engine_lost)
-
-    def _choose(self, candidates: Candidates) -> tuple[FeatureSource, ...]:
-        return self._session.choose(candidates, self._context.wall_time())
 
     def _received(self) -> Mapping[str, int]:
         """Return when the latest message of each topic of the states was received, or 0."""
