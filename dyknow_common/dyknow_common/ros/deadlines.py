@@ -83,9 +83,9 @@ class Deadlines:
 
     def _end(self, futures: Iterable[Future]) -> None:
         for future in futures:
-            _, error = self._waits.get(future, (0, None))
-            if future.done():
-                continue
+            if future not in self._waits:
+                continue  # The end of another one has ended or cancelled it.
+            _, error = self._waits[future]
             if error is None:
                 future.set_result(None)
             else:

@@ -107,3 +107,15 @@ def test_the_end_of_all_waits(made: tuple[Deadlines, FakeTimer]) -> None:
     deadlines.end_all()
     assert future.done()
     assert deadlines.after(0.1).done()
+
+
+def test_a_wait_that_the_end_of_another_one_cancels_does_not_end(
+    made: tuple[Deadlines, FakeTimer],
+) -> None:
+    deadlines, timer = made
+    first, second = deadlines.after(0.1), deadlines.after(0.1)
+    first.add_done_callback(lambda _: second.cancel())
+    timer.run(1.0)
+    assert first.done()
+    assert second.cancelled()
+    assert not second.done()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Coroutine
+from dataclasses import replace
 from typing import Any
-from unittest.mock import MagicMock
+from unittest.mock import AsyncMock, MagicMock, patch
 
 import pytest
 from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress, FormulaResult
@@ -120,6 +121,20 @@ def test_a_cancellation_and_the_timeout_while_the_last_report_comes() -> None:
     assert world.answer.error
     assert world.answer.error.message == 'after 48 states'
     assert world.group.remove.call_count == 2
+
+
+def test_a_formula_that_is_decided_is_not_removed_for_its_timeout_too() -> None:
+    """A cancelled wait calls what waits for it: each formula cost a request more."""
+    world = World(every_state=False)
+    evaluation, expiry = world.evaluation, Future()
+    evaluation._context.node.deadlines.after.side_effect = [expiry, world.limit]  # type: ignore[attr-defined]
+    evaluation.request = replace(evaluation.request, timeout_s=3.0)
+    with patch.multiple(evaluation, _prepare=AsyncMock(), _start=AsyncMock()):
+        world._spawn(evaluation.run)
+        evaluation.receive_result(FormulaResult(verdict=FormulaResult.TRUE))
+        world.run()
+    assert expiry.cancelled()
+    world.group.remove.assert_not_called()
 
 
 def test_no_name_ends_an_evaluation_whose_formula_is_not_parsed_yet() -> None:

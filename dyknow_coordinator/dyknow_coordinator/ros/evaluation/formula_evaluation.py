@@ -176,7 +176,9 @@ class FormulaEvaluation(Evaluation):
         if (timeout_s := self.request.timeout_s) is not None:
             remaining_s = max(timeout_s - self.request.delay_s, 0.0)
             expiry = self._context.node.deadlines.after(remaining_s)
-            expiry.add_done_callback(lambda _: self.expire(timeout_s))
+            expiry.add_done_callback(
+                lambda done: None if done.cancelled() else self.expire(timeout_s)
+            )
         try:
             await self._start(await self._prepare())
             self._is_starting = False
