@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import product
-from typing import Any, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 from dyknow_common import Symbol, Verdict, amount, listed
 from dyknow_reasoning.errors import ReasoningError, UnusableValueError
@@ -91,6 +91,13 @@ Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
 
 
+class Source(NamedTuple):
+    """A formula of the source text, with the objects of each sort."""
+
+    formula: Formula
+    domains: Domains
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
     """A formula for one choice of objects for its outermost universal variables.
@@ -100,13 +107,13 @@ class Instance:
         atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`. A formula about
             a kept value has a slot, too (see `execution.kept_values`).
         node: the formula over these slots.
-        source: the formula in the text that this is an instance of, and the objects of each sort.
+        source: the formula in the text that this is an instance of.
     """
 
     binding: Binding
     atoms: Sequence[Atom]
     node: Node
-    source: tuple[Formula, Domains] | None = field(default=None, kw_only=True)
+    source: Source | None = field(default=None, kw_only=True)
 
     @property
     def keeps_values(self) -> bool:
@@ -129,12 +136,13 @@ def instances_of(
         translator = Translator(store, domains)
         node = translator.node(body, binding)
         atoms = tuple(translator.slots)
+        source = Source(body, domains)
         if node.size > node_limit:
             raise ReasoningError(
                 f'the formula has {amount(node.size)} nodes, more than {node_limit} (the limit '
                 "'node_limit'); each '<->' doubles those of both sides"
             )
-        instances.setdefault((node, atoms), Instance(binding, atoms, node, source=(body, domains)))
+        instances.setdefault((node, atoms), Instance(binding, atoms, node, source=source))
     return list(instances.values())
 
 
