@@ -16,7 +16,13 @@ from reasoning_reference import begun, holds, intervals, started
 from reasoning_reference import progressed as progressed_over
 
 from dyknow_common import DyKnowError, ProbabilityInterval, Verdict
-from dyknow_reasoning import FormulaGroup, ReasoningError, TrialFormula, parse_formula
+from dyknow_reasoning import (
+    FormulaGroup,
+    ReasoningError,
+    TrialFormula,
+    parse_constants,
+    parse_formula,
+)
 from dyknow_reasoning.execution import FormulaProbability, probability_of
 from dyknow_reasoning.execution.probability.distributions import at_least
 from dyknow_reasoning.language.formula import (
@@ -550,6 +556,30 @@ def test_features_whose_errors_are_stated() -> None:
     assert str(formula) == 'P(normal(Height, sqrt(Variance), 2 s) > 0.3) > 0.9'
     with pytest.raises(DyKnowError, match='normal\\(Height, DEVIATION\\)'):
         parse_formula('let Height ~ 3 in P(Height > 3) > 0.9')
+
+
+@pytest.mark.parametrize(
+    ('stated', 'found'),
+    [
+        ('let d = 2, x ~ normal(x, d)', 'normal(x, 2)'),
+        ('let x ~ normal(x, d), d = 2', 'normal(x, 2)'),
+        ('let d = 2 in let x ~ normal(x, d, 2 s)', 'normal(x, 2, 2 s)'),
+        ('let d = 2, x ~ within(x, d + 1)', 'within(x, 2 + 1)'),
+        ('let x ~ within(x, deviation)', 'within(x, 0.5)'),
+        ('let x ~ normal(x, d) in let d = 2', "'d' is a feature here and a constant at 1:29"),
+        ('let x = 3, x ~ normal(y, 1)', "'x' is a feature here and a constant at 1:5"),
+        ('let d = y, x ~ normal(x, d)', "'d' is a kept value, which tells nothing of the errors"),
+        ('let x ~ normal(x, 1), x ~ normal(x, 2)', "'x' is uncertain in two ways; state one"),
+    ],
+)
+def test_errors_that_are_stated_with_constants(stated: str, found: str) -> None:
+    constants = parse_constants({'deviation': '0.5'})
+    if found.startswith("'"):
+        with pytest.raises(DyKnowError, match=found):
+            parse_formula(f'{stated} in P(x > 3) > 0.9', constants)
+    else:
+        formula = parse_formula(f'{stated} in P(x > 3) > 0.9', constants)
+        assert str(formula) == f'P({found} > 3) > 0.9'
 
 
 def test_the_probability_of_all_objects() -> None:

@@ -38,6 +38,7 @@ from dyknow_reasoning.language.terms import (
     Term,
     TextLiteral,
     Truth,
+    Uncertain,
     holds_terms,
 )
 
@@ -61,15 +62,21 @@ MAX_TERM_PARTS: Final = 100
 """The most parts of a term whose value is kept: each use of the name copies the term."""
 
 
-def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units]:
-    """Return a formula with constants replaced by their values, and the units that it states.
+def without_lets(
+    formula: Formula, constants: Constants
+) -> tuple[Formula, Units, dict[str, Uncertain]]:
+    """Return a formula with constants replaced by their values, and what it states of features.
 
     Args:
         formula: nests no deeper than functions may recurse.
         constants: the constants that the formula does not define.
 
+    Returns:
+        The formula, the units, and the uncertainties of features by name.
+
     Raises:
-        PositionedError: for a name that is a constant and something else, or two constants.
+        PositionedError: for a name that is a constant and something else, or two constants, or
+            that has two statements.
     """
     lets = [node for node in walk(formula) if isinstance(node, Let)]
     units: dict[str, str] = {}
@@ -77,15 +84,19 @@ def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units
         if units.setdefault(feature.name, unit) != unit:
             message = f"'{feature}' has two units, {units[feature.name]} and {unit}; state one"
             raise PositionedError(message, feature.position)
+    uncertain: dict[str, Uncertain] = {}
     if not lets and not constants:
-        return formula, units
+        return formula, units, uncertain
     known = {name: (value, NOWHERE) for name, value in constants}
-    replaced: Formula = _replaced(formula, known, is_operand=False)
+    replaced: Formula = _replaced(formula, known, uncertain, is_operand=False)
     if contains(replaced, Freeze):
         _check_kept(replaced)
     names = {name.name: name.position for let in lets for name, _ in let.constants}
-    _check_uses(replaced, {**dict.fromkeys(known, NOWHERE), **names})
-    return replaced, units
+    stated = (name for let in lets for name, _ in let.uncertainties)
+    features = (Feature(each.name, position=each.position) for each in stated)
+    for each in (replaced, *uncertain.values(), *features):
+        _check_uses(each, {**dict.fromkeys(known, NOWHERE), **names})
+    return replaced, units, uncertain
 
 
 def literal_of(value: Value) -> Constant:
@@ -121,7 +132,7 @@ def _checked(name: Object, value: Any) -> Constant:
 
 def _value(name: Object, value: Any, bound: _Bound) -> Constant | Kept:
     """Return a constant, or the value of a term that is to be kept."""
-    term = _replaced(value, bound, is_operand=True)
+    term = _replaced(value, bound, {}, is_operand=True)
     parts = list(islice(walk(term), MAX_TERM_PARTS + 1))
     if not isinstance(term, Term) or not any(
         isinstance(each, Feature | FieldReference) for each in parts
@@ -154,11 +165,17 @@ def _check_kept(formula: Formula) -> None:
             raise PositionedError(f'{message} cannot hold that; move it out', freeze.position)
 
 
-def _replaced(node: Any, bound: _Bound, *, is_operand: bool) -> Any:
+def _replaced(
+    node: Any, bound: _Bound, uncertain: dict[str, Uncertain], *, is_operand: bool
+) -> Any:
+    """Return a part with constants replaced by their values; note what it says is uncertain."""
     match node:
-        case Let(constants, _, body):
+        case Let(constants, _, body, uncertainties):
             new = _new(constants, bound)
-            body = _replaced(body, {**bound, **new}, is_operand=False)
+            inner = {**bound, **new}
+            for feature, stated in uncertainties:
+                _state(feature, _replaced(stated, inner, {}, is_operand=True), uncertain)
+            body = _replaced(body, inner, uncertain, is_operand=False)
             for name, (value, position) in reversed(new.items()):
                 if isinstance(value, Kept):
                     body = Freeze(name, value.body, body, position=position)
@@ -175,7 +192,19 @@ def _replaced(node: Any, bound: _Bound, *, is_operand: bool) -> Any:
                 )
             return replace(value, position=node.position)
     are_operands = holds_terms(node)
-    return with_changed_parts(node, lambda part: _replaced(part, bound, is_operand=are_operands))
+    return with_changed_parts(
+        node, lambda part: _replaced(part, bound, uncertain, is_operand=are_operands)
+    )
+
+
+def _state(feature: Object, value: Uncertain, uncertain: dict[str, Uncertain]) -> None:
+    """Note what is known of a feature."""
+    if kept := next((each for each in walk(value) if isinstance(each, Kept)), None):
+        message = f"'{kept}' is a kept value, which tells nothing of the errors of '{feature}'"
+        raise PositionedError(f'{message}; write a constant or a feature', feature.position)
+    if uncertain.setdefault(feature.name, value) != value:
+        message = f"'{feature}' is uncertain in two ways; state one"
+        raise PositionedError(message, feature.position)
 
 
 def _new(
@@ -191,7 +220,7 @@ def _new(
     return found
 
 
-def _check_uses(formula: Formula, constants: Mapping[str, TextPosition]) -> None:
+def _check_uses(formula: Formula | Term, constants: Mapping[str, TextPosition]) -> None:
     """Check that no name of a constant names anything else."""
     for node in walk(formula):
         uses: dict[str, str | None] = {

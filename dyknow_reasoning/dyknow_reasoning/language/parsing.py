@@ -63,7 +63,6 @@ from dyknow_reasoning.language.symbols import resolve, with_links
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.uncertain_features import (
     check_limits,
-    stated_uncertainties,
     with_uncertain_features,
 )
 
@@ -121,8 +120,7 @@ def _parse(text: str, constants: Constants) -> tuple[Formula, Units]:
 def _parse_once(text: str, constants: Constants) -> tuple[Formula, Units]:
     with LANGUAGE.errors_in(text):
         formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))
-        uncertainties = stated_uncertainties(formula)
-        formula, units = without_lets(formula, constants)
+        formula, units, uncertainties = without_lets(formula, constants)
         check_limits(formula)
         formula = with_uncertain_features(without_soon(formula), uncertainties)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))

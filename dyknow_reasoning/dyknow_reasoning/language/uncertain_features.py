@@ -17,7 +17,6 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
-    Let,
     contains,
     looks_forward,
     walk,
@@ -35,28 +34,10 @@ from dyknow_reasoning.language.terms import (
     holds_terms,
 )
 
-Uncertainties = Mapping[str, Uncertain]
-"""The uncertainties of features, by name."""
-
 _PERCENT: Final = 100
 
 
-def stated_uncertainties(formula: Formula) -> Uncertainties:
-    """Return what a formula states of the values of features.
-
-    Raises:
-        PositionedError: for a feature that has two statements.
-    """
-    found: dict[str, Uncertain] = {}
-    for let in walk(formula):
-        for feature, uncertain in let.uncertainties if isinstance(let, Let) else ():
-            if found.setdefault(feature.name, uncertain) != uncertain:
-                message = f"'{feature}' is uncertain in two ways; state one"
-                raise PositionedError(message, feature.position)
-    return found
-
-
-def with_uncertain_features(formula: Formula, stated: Uncertainties) -> Formula:
+def with_uncertain_features(formula: Formula, stated: Mapping[str, Uncertain]) -> Formula:
     """Return a formula in which probabilities are of uncertain numbers."""
     changed: Formula = _changed(formula, stated, is_within=False) if stated else formula
     return changed
@@ -117,7 +98,7 @@ def best_estimate(node: Any) -> Any:
     return with_changed_parts(node, best_estimate)
 
 
-def _changed(node: Any, stated: Uncertainties, *, is_within: bool) -> Any:
+def _changed(node: Any, stated: Mapping[str, Uncertain], *, is_within: bool) -> Any:
     """Return a part, which may be within a probability."""
     match node:
         case Uncertain():
@@ -129,7 +110,7 @@ def _changed(node: Any, stated: Uncertainties, *, is_within: bool) -> Any:
     return with_changed_parts(node, lambda part: _changed(part, stated, is_within=is_within))
 
 
-def _among(probability: Probability, stated: Uncertainties) -> Uncertainties:
+def _among(probability: Probability, stated: Mapping[str, Uncertain]) -> Mapping[str, Uncertain]:
     """Return what is known of the features in a probability, without covariances with others."""
     used = {each.name for each in walk(probability) if isinstance(each, Feature)}
 
@@ -142,7 +123,7 @@ def _among(probability: Probability, stated: Uncertainties) -> Uncertainties:
     }
 
 
-def _operand(node: Any, stated: Uncertainties) -> Any:
+def _operand(node: Any, stated: Mapping[str, Uncertain]) -> Any:
     if isinstance(node, Feature) and node.name in stated:
         found = _of_objects(stated[node.name], node.arguments)
         return replace(found, position=node.position)
