@@ -237,6 +237,22 @@ def test_the_deepest_formula(make: Callable[[int], str]) -> None:
     assert error.value.position.line == 1
 
 
+@pytest.mark.parametrize(
+    'text',
+    [
+        'let d = {} in eventually p > d',
+        'let d = {} in p > d',
+        'let p ~ normal(p, {}) in P(' + 'not ' * 40 + 'p > 3) > 0.9',
+        'not ' * (MAX_DEPTH - 4) + '(let d = {} in eventually p > d)',
+    ],
+)
+@pytest.mark.parametrize('term', ['q' + ' - q' * 1000, '-' * 1000 + 'q', 'q' + ' - q' * 90])
+def test_terms_of_let_count_before_they_are_used(text: str, term: str) -> None:
+    with pytest.raises(LanguageError, match=r'deeper than 100 levels|has more than 100 parts'):
+        parse_formula(text.format(term))
+    assert parse_formula(text.format('q + 1').replace('not ', ''))
+
+
 @pytest.mark.parametrize('every_state', [False, True])
 @pytest.mark.parametrize(
     'make',

@@ -121,8 +121,10 @@ def _parse_once(text: str, constants: Constants) -> tuple[Formula, Units]:
     with LANGUAGE.errors_in(text):
         formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))
         formula, units, uncertainties = without_lets(formula, constants)
+        LANGUAGE.check_depth(formula, syntax.parts)
         check_limits(formula)
         formula = with_uncertain_features(without_soon(formula), uncertainties)
+        LANGUAGE.check_depth(formula, syntax.parts)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
         return with_links(resolved), units
 
@@ -133,12 +135,18 @@ _parse_again = lru_cache(1024)(_parse_once)
 def _shallow(node: Any) -> Any:
     """Return a formula or a term over which functions may recurse."""
     with suppress(PositionedError):
-        LANGUAGE.check_depth(node, syntax.parts)
+        LANGUAGE.check_depth(node, _parts)
         return node
     LANGUAGE.check_depth(node, syntax.flat_parts)
     found = syntax.balanced(node)
-    LANGUAGE.check_depth(found, syntax.parts)
+    LANGUAGE.check_depth(found, _parts)
     return found
+
+
+def _parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
+    """Return the parts of a node, also what `let` gives to names."""
+    stated = (*node.constants, *node.uncertainties) if isinstance(node, syntax.Let) else ()
+    return (*syntax.parts(node), *(value for _, value in stated))
 
 
 @lru_cache
@@ -340,7 +348,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return syntax.CountOf(bound, _whole(number), tuple(map(_formula, members)))
 
     def constant(self, name: Token, value: Formula | Term) -> tuple[terms.Object, Any]:
-        return terms.Object(str(name), position=TextPosition.of(name)), value
+        return terms.Object(str(name), position=TextPosition.of(name)), _shallow(value)
 
     def unit(self, name: Token, unit: Token) -> tuple[terms.Object, str]:
         text = str(name if name.type == 'NAME' else self.reference(name))
@@ -363,7 +371,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
                 f"what is known of '{name}' is normal({name}, DEVIATION) or within({name}, ERROR)"
             )
             raise PositionedError(message, value.position)
-        return terms.Object(str(name), position=TextPosition.of(name)), value
+        return terms.Object(str(name), position=TextPosition.of(name)), _shallow(value)
 
     def distance(self, number: Token, unit: Token | None) -> tuple[int | float, Token | None]:
         return number_value(number), unit
