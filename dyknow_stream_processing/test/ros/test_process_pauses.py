@@ -8,10 +8,11 @@ from unittest.mock import Mock
 
 import pytest
 
-from dyknow_stream_processing.ros.topics import process_pauses
+from dyknow_stream_processing.ros.topics import process_pauses, watermark_topics
 from dyknow_stream_processing.ros.topics.node_topics import _in_time
 from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, ProcessPauses
 from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage
+from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkSubscriptions
 
 MS = 1_000_000
 
@@ -82,6 +83,18 @@ def test_messages_wait_for_a_bounded_time_if_one_pause_follows_another(
                 waits.append(time - since)
             since = 0
     assert max(waits, default=None) == longest
+
+
+@pytest.mark.parametrize('is_caught_up', [False, True])
+def test_watermarks_count_once_the_messages_before_them_are_processed(
+    monkeypatch: pytest.MonkeyPatch, *, is_caught_up: bool
+) -> None:
+    """While one pause followed another, streams that needed a watermark had no sample."""
+    monkeypatch.setattr(watermark_topics, 'is_pause_recent', lambda: True)
+    topic = Mock(topic='/streams/a', is_stream=True)
+    subscriptions = WatermarkSubscriptions(Mock(), Mock(), lambda: [topic], lambda _: is_caught_up)
+    subscriptions._on_message('/streams', Mock(streams=[Mock(stream_name='a')]))
+    assert topic.vouch.called == is_caught_up
 
 
 def test_messages_that_are_received_after_a_pause_may_have_waited(pauses: ProcessPauses) -> None:

@@ -79,7 +79,9 @@ class NodeTopics:
         self.group = PrunedCallbackGroup()
         self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
-        self.watermarks = WatermarkSubscriptions(self._node, self.group, self._feeds.values)
+        self.watermarks = WatermarkSubscriptions(
+            self._node, self.group, self._feeds.values, self.catch_up
+        )
         self._last_activity = time.monotonic_ns()
         self._taken: deque[ReceivedMessage] = deque()
         self._goes_on = self._node.create_guard_condition(self._go_on, self.group)

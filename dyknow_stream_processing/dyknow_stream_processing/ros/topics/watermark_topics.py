@@ -84,14 +84,19 @@ class WatermarkSubscriptions:
 
     Args:
         topics: returns the topics that the node subscribes to.
+        catch_up: processes all messages that wait; returns False if some are processed later.
     """
 
     def __init__(
-        self, node: Node, group: CallbackGroup, topics: Callable[[], Iterable[VouchedTopic]]
+        self,
+        node: Node,
+        group: CallbackGroup,
+        topics: Callable[[], Iterable[VouchedTopic]],
+        catch_up: Callable[[int], bool],
     ) -> None:
         self._node = node
         self._group = group
-        self._topics = topics
+        self._topics, self._catch_up = topics, catch_up
         self._subscriptions: dict[str, Any] = {}
 
     def refresh(self) -> None:
@@ -110,9 +115,9 @@ class WatermarkSubscriptions:
             )
 
     def _on_message(self, prefix: str, message: Any) -> None:
-        if is_pause_recent():
-            return  # The next watermarks are not far.
         now = self._node.get_clock().now().nanoseconds
+        if is_pause_recent() and not self._catch_up(now):
+            return  # The next watermarks are not far.
         watermarks = {f'{prefix}/{each.stream_name}': each for each in message.streams}
         for topic in list(self._topics()):
             if topic.is_stream and topic.topic in watermarks:
