@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from recorded import ListedSamples, at, sample
+from recorded import ListedSamples, RecordedSample, at, sample
 
 from dyknow_common import NO_CONSTRAINTS, SECOND_NS
 from dyknow_recordings.evaluation.streams import RecordedStreams
-from dyknow_recordings.reading.recording import rows_of
+from dyknow_recordings.reading.recording import in_order, rows_of
 from dyknow_stream_processing import Sample, Violation
 
 
@@ -52,3 +53,48 @@ def test_a_later_stream_has_the_message_that_was_kept(is_kept: bool, is_batch: b
     kept = [(at(1), {'kept': 10})] if is_kept else []
     assert found == [*kept, (at(10), {'kept': 20})]
     assert not violations
+
+
+def kept_samples(*messages: RecordedSample) -> tuple[list[int], list[str]]:
+    """Return the valid times, in seconds, and faults of /mode, whose publishers keep messages."""
+    recording = ListedSamples(messages)
+    contents = {name: replace(each, is_kept=True) for name, each in recording.contents.items()}
+    streams = RecordedStreams(contents, ())
+    samples: list[Sample] = []
+    violations: list[Violation] = []
+    text = 'select x from "/mode"'
+    streams.create('mode', text, NO_CONSTRAINTS, samples.append, violations.append)
+    for row in in_order(recording.columns({'/mode': ('x',)})):
+        streams.push(row)
+    streams.dataflow.advance(at(100))
+    times = [round((each.valid_time - at(0)) / SECOND_NS) for each in samples]
+    return times, [each.constraint for each in violations]
+
+
+def without_stamp(each: RecordedSample) -> RecordedSample:
+    return each._replace(is_sent=True)
+
+
+@pytest.mark.parametrize('form', [without_stamp, RecordedSample._make], ids=['sent', 'stamped'])
+def test_what_was_kept_for_the_recorder_is_never_late(
+    form: Callable[[RecordedSample], RecordedSample],
+) -> None:
+    """A second publisher is found soon after the first one; the value that it keeps is older."""
+    first, second = sample('/mode', 3, delay=17, x=1), sample('/mode', 5, delay=15.5, x=2)
+    later, late = sample('/mode', 21, delay=0.05, x=3), sample('/mode', 30, delay=2, x=4)
+    messages = [form(each) for each in (first, second, later, late)]
+    assert kept_samples(*messages) == ([3, 5, 21], ['max_delay'])
+    older = form(sample('/mode', 1, delay=19.6, x=0))
+    assert kept_samples(messages[0], older) == ([3], [])
+
+
+def test_a_kept_message_of_a_publisher_that_is_found_later_is_never_late() -> None:
+    former = without_stamp(sample('/mode', 3, delay=17, x=1))
+    other = without_stamp(sample('/mode', 5, delay=30, x=2))
+    assert kept_samples(former, other) == ([3, 5], [])
+
+
+def test_an_old_stamp_long_after_the_first_message_is_late() -> None:
+    """The time at which a stamped message was sent is unknown."""
+    messages = sample('/mode', 3, delay=17, x=1), sample('/mode', 5, delay=30, x=2)
+    assert kept_samples(*messages) == ([3], ['max_delay'])

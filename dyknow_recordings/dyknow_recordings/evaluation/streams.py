@@ -12,7 +12,6 @@ from math import nan
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dyknow_common import (
     NO_CONSTRAINTS,
@@ -34,6 +33,7 @@ from dyknow_coordinator import (
     stream_topic,
 )
 from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.batches import batch_of, has_alternatives
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import END, RecordedFields, rows_of, unchecked_delay
 from dyknow_recordings.reading.trace_recording import TRACE_TOPIC, TRACE_TYPE
@@ -57,13 +57,11 @@ from dyknow_stream_processing import (
     Violation,
     ViolationKind,
     WholeMessage,
-    concatenated,
     free_names,
     ignore,
     joined_reasons,
     load_units,
     nearest_topics,
-    never,
     parse_specification,
     read_streams,
     subterms,
@@ -112,6 +110,8 @@ class RecordedStreams:
         self._faults: dict[str, str] = {}
         self._consumers: Mapping[str, Collection[str]] = {}
         self._received: dict[str, int] = dict.fromkeys(topics, 0)
+        # The log time of the first message of each topic.
+        self._first: dict[str, int] = {}
         # The log time of the first message.
         self._begin = END
         self._latest_valid_times: dict[str, int] = {}
@@ -287,6 +287,7 @@ class RecordedStreams:
         topic, now, content = recorded.topic, recorded.log_time, self._topics[recorded.topic]
         self._repeat_kept(now)
         self._received[topic] = now
+        self._first.setdefault(topic, now)
         self._begin = min(self._begin, now)
         sample, fault = self._sample_of(recorded), ''
         valid_time = sample.valid_time
@@ -303,11 +304,23 @@ class RecordedStreams:
             self._kept[topic] = lambda: sample
         if valid_time > self.latest_valid_time(topic):
             self._latest_valid_times[topic] = valid_time
+        is_initial = content.is_kept and self._is_initial(topic, valid_time, now)
         for name in self._consumers.get(topic, ()):
             if fault:
                 self._reject(name, valid_time, now, fault)
             else:
-                self.dataflow.push(name, sample, is_checked=self._is_checked(recorded))
+                is_checked = self._is_checked(recorded)
+                self.dataflow.push(name, sample, is_checked=is_checked, is_initial=is_initial)
+
+    def _is_initial(self, topic: str, valid_time: int, now: int) -> bool:
+        """Return True if a message was kept until the recorder subscribed to its topic.
+
+        The recorder had subscribed when it received the first message of the topic. The stamp of a
+        message only shows that it was not sent earlier, so kept ones must come soon after that.
+        """
+        first = self._first[topic]
+        is_sent = self._topics[topic].has_sent_times
+        return valid_time < first and (is_sent or now - first <= SILENCE_LIMIT_NS)
 
     def _is_checked(self, recorded: RecordedFields) -> bool:
         """Return True if an engine has made a sample, by a clock that is not ahead, as live."""
@@ -371,7 +384,9 @@ class RecordedStreams:
         except NeedsStepsError:
             return None
         for topic, each in plain.items():
-            self._begin = min(self._begin, int(each.emission_times()[0]))
+            first = int(each.emission_times()[0])
+            self._begin = min(self._begin, first)
+            self._first.setdefault(topic, first)
             self._received[topic] = int(each.emission_times()[-1])
             self._latest_valid_times[topic] = int(each.valid_times[-1])
             if len(each) and self._topics[topic].is_kept:
@@ -386,9 +401,9 @@ class RecordedStreams:
             is_known = part.message_type == content.message_type and is_timed
             if not is_known or part.absent or part.values.keys() != names:
                 return None
-            if Alternatives.exist and any(map(_has_alternatives, part.values.values())):
+            if Alternatives.exist and any(map(has_alternatives, part.values.values())):
                 return None
-        batch = _batch_of(parts)
+        batch = batch_of(parts)
         times = np.append(max(self.latest_valid_time(topic), 0), batch.valid_times)
         return batch if (np.diff(times) > 0).all() else None
 
@@ -572,29 +587,3 @@ def _optional_cells(terms: Iterable[tuple[bool, Term]]) -> AbstractSet[str]:
             required |= (select.demand - values) | {each.field for each in tests if each}
             optional |= values if may_be_unknown else set()
     return optional - required
-
-
-def _has_alternatives(column: NDArray[np.generic]) -> bool:
-    return column.dtype == np.object_ and Alternatives.are_among(column.tolist())
-
-
-def _batch_of(parts: Sequence[MessageColumns]) -> SampleBatch:
-    """Return the messages of a topic in the order of their log times; all have the same fields."""
-    stamps = [part.log_times if part.stamps is None else part.stamps for part in parts]
-    values = {
-        path: _wide(concatenated([part.values[path] for part in parts])) for path in parts[0].values
-    }
-    log_times = np.concatenate([part.log_times for part in parts])
-    batch = SampleBatch(np.concatenate(stamps), values, never, log_times)
-    if len(parts) == 1:
-        return batch
-    return batch.rows(np.argsort(np.concatenate([part.positions for part in parts])))
-
-
-def _wide(column: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Return a column with numbers of 64 bits."""
-    if column.dtype.kind == 'f':
-        return column.astype(np.float64, copy=False)
-    if column.dtype.kind in 'iu' and column.dtype != np.uint64:
-        return column.astype(np.int64, copy=False)
-    return column
