@@ -100,6 +100,15 @@ formulas:
     assert "'cell_voltage' has 0 elements, not one at [0]" in messages[2]
 
 
+def test_a_topic_of_ros_itself_is_found(environment: dict[str, str], tmp_path: Path) -> None:
+    """Each node publishes on it, and it is silent while nothing happens."""
+    path = tmp_path / 'robot.yaml'
+    formula = 'always "/rosout".msg does not contain "failsafe"'
+    path.write_text(f"formulas: [{{name: log, formula: '{formula}'}}]\n", encoding='utf-8')
+    done = run(environment, 'lint', str(path), '--live', *DURATION)
+    assert done.returncode == 0, done.stdout
+
+
 def test_no_robot(tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     done = run(private_environment(), 'init', '--output', str(path), '--duration', '1')

@@ -99,6 +99,7 @@ def _findings(
     from dyknow_command.linting.frame_checks import frame_findings  # noqa: PLC0415
     from dyknow_command.linting.topic_checks import (  # noqa: PLC0415
         contents_of,
+        element_findings,
         name_findings,
         stream_name_findings,
         topic_findings,
@@ -109,6 +110,7 @@ def _findings(
     yield from VocabularyChecks(inputs, contents_of(observed)).findings()
     yield from name_findings(inputs, observed)
     yield from stream_name_findings(inputs)
+    yield from element_findings(inputs)
     if topics is not None:
         yield from topic_findings(inputs, observed, where)
         yield from frame_findings(inputs, observed)
@@ -192,7 +194,10 @@ def _success(files: Iterable[Path], inputs: LintInputs) -> str:
 def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[ObservedTopic, ...] | None:
     if options.recording is None and not options.live:
         return None
-    from dyknow_command.linting.topic_checks import named_fields  # noqa: PLC0415 - as above
+    from dyknow_command.linting.topic_checks import (  # noqa: PLC0415 - as above
+        named_fields,
+        topic_uses,
+    )
 
     named = named_fields(inputs) | {FRAME}
 
@@ -201,7 +206,8 @@ def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[Observed
 
     if options.recording is not None:
         return observe_recording(options.recording, message_types(options), named_in)
-    return observe(options.duration, named_in)
+    topics = {each.topic for each in topic_uses(inputs)}
+    return observe(options.duration, named_in, named=topics)
 
 
 def _where(options: argparse.Namespace) -> str:

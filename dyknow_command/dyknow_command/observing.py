@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 
 from dyknow_common import DyKnowError, ExitCode, duration_option
 from dyknow_common.executables import SOURCE_ENVIRONMENT
@@ -14,13 +15,16 @@ def absolute_topic(name: str) -> str:
     return f'/{name.lstrip("/")}'
 
 
-def observe(duration: int, fields: ReadFields, topic: str = '') -> tuple[ObservedTopic, ...]:
+def observe(
+    duration: int, fields: ReadFields, topic: str = '', named: Collection[str] = ()
+) -> tuple[ObservedTopic, ...]:
     """Return the topics of the running robot.
 
     Args:
         duration: how long they are observed, in nanoseconds.
         fields: returns the fields of a topic whose values are wanted.
         topic: the only topic to observe; empty for all.
+        named: the topics to observe even if they are of ROS or DyKnow itself.
 
     Raises:
         DyKnowError: UNAVAILABLE, without ROS.
@@ -31,7 +35,7 @@ def observe(duration: int, fields: ReadFields, topic: str = '') -> tuple[Observe
     except ImportError as error:
         text = f'listening to a running robot needs ROS: {error}; {SOURCE_ENVIRONMENT}'
         raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
-    return observe_running(duration, fields, topic)
+    return observe_running(duration, fields, topic, named)
 
 
 def add_duration_option(parser: argparse.ArgumentParser) -> None:

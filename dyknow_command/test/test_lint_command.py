@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
@@ -16,7 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 import dyknow_command
 from dyknow_command.linting.findings import FilePlace
 from dyknow_command.linting.inputs import syntax_findings
-from dyknow_common import TextPosition
+from dyknow_common import TextPosition, ValueType
+from dyknow_configuration import ObservedTopic, TopicTimes
 from dyknow_semantics import parse_annotations
 
 LINTED = Path(__file__).parent / 'linted'
@@ -24,10 +26,12 @@ ROOT = Path(__file__).parent.parent.parent
 ROVER = ROOT / 'docs' / 'examples'
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
+ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
 POINT = 'geometry_msgs/msg/PointStamped'
 
 ROBOTS = (
     'domains',
+    'element_keys',
     'guards',
     'list',
     'misspelt_nodes',
@@ -116,6 +120,43 @@ def test_triggers_that_no_formula_names(
     code, shown = lint(capsys, path)
     assert (code, unnamed in shown, shown.count(': trigger ')) == (1, True, 2), shown
     assert "error: trigger 'alarm': std_msgs/msg/Bool has no field 'dat'" in shown
+
+
+SHARED = """\
+features:
+  Level: {type: int, from: {topic: /diagnostics, field: 'status[name = "gps"].level', CONSTRAINT}}
+streams: |
+  stream gps = select status[name = "gps"].level as level from "/diagnostics" with max_gap = 1 s;
+  sink gps;
+formulas:
+  - {name: level, formula: 'always Level + gps.level < 2'}
+  - {name: log, formula: 'always "/rosout".msg does not contain "failsafe"'}
+"""
+
+
+@pytest.mark.parametrize('constraint', ['max_gap: 1 s', 'sample_period: 1 s'])
+@pytest.mark.parametrize('publishers', [1, 3])
+def test_several_may_publish_elements_and_logs(
+    constraint: str,
+    publishers: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The timing of the topic is that of the element if one alone publishes."""
+    times = TopicTimes.of(None, np.array([0, 500_000_000, 1_000_000_000], np.int64), 10**9)
+    types = {'stamp.sec': ValueType.INT, 'msg': ValueType.STRING}
+    fields = {'status[0..].level': ValueType.INT, 'status[0..].name': ValueType.STRING}
+    observed = (
+        ObservedTopic('/diagnostics', ARRAY, fields, times, {}, publishers),
+        ObservedTopic('/rosout', 'rcl_interfaces/msg/Log', types, times, {}, publishers),
+    )
+    monkeypatch.setattr('dyknow_command.lint.observe', lambda *_, **__: observed)
+    path = tmp_path / 'robot.yaml'
+    path.write_text(SHARED.replace('CONSTRAINT', constraint), encoding='utf-8')
+    code, shown = lint(capsys, path, '--live')
+    is_broken = publishers == 1 and constraint.startswith('sample_period')
+    assert (code, 'sample_period' in shown, 'publishers' in shown) == (is_broken, is_broken, False)
 
 
 STATION = """\

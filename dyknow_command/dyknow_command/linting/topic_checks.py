@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -18,7 +18,16 @@ from dyknow_command.linting.vocabulary_checks import (
     streams_of,
 )
 from dyknow_command.observing import absolute_topic
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, InlineText, StreamConstraints
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    ComputedField,
+    DyKnowError,
+    ElementKey,
+    InlineText,
+    MessagePath,
+    StreamConstraints,
+    parse_field,
+)
 from dyknow_configuration import (
     ObservedTopic,
     broken_constraints,
@@ -28,6 +37,7 @@ from dyknow_stream_processing import (
     BuiltInSource,
     Select,
     StreamReference,
+    Term,
     nearest_topics,
     read_streams,
     references,
@@ -41,6 +51,9 @@ _QUOTED_STREAM: Final = re.compile(r'"([A-Za-z_]\w*)"(?=\.)')
 _OF_ROS: Final = re.compile(r'(/~)?(/[A-Za-z_{][A-Za-z0-9_{}]*)+')
 """The absolute names that topics of ROS may have; nodes know what ~ and {node} stand for."""
 
+_OF_ALL_NODES: Final = frozenset({'/parameter_events', '/rosout'})
+"""Topics on which each node publishes, and only what happens."""
+
 
 @dataclass(frozen=True, slots=True)
 class TopicUse:
@@ -51,12 +64,15 @@ class TopicUse:
         place: where it is named.
         constraints: the constraints that it must keep.
         is_shared: True if several publishers are expected.
+        is_element: True if elements of the messages are read, by a key: several publishers may each
+            send some of the elements, at times of their own.
     """
 
     topic: str
     place: FilePlace
     constraints: StreamConstraints = NO_CONSTRAINTS
     is_shared: bool = False
+    is_element: bool = False
 
 
 def contents_of(topics: Mapping[str, ObservedTopic]) -> Mapping[str, TopicContent]:
@@ -139,7 +155,7 @@ def topic_findings(
         elif topic.fields is None:
             text = f'{use.topic}: its message type {topic.message_type} is not defined'
             yield error_at(use.place, f'{text}; install its package, or record its definition')
-        elif not topic.count:
+        elif not topic.count and use.topic not in _OF_ALL_NODES:
             text = f'no message of {use.topic} came {where}; its timing was not checked'
             yield warning_at(use.place, text)
         else:
@@ -168,6 +184,8 @@ def _named_fields(inputs: LintInputs) -> Iterator[tuple[str, str, FilePlace]]:
 
 
 def _observed_findings(use: TopicUse, topic: ObservedTopic) -> Iterator[Finding]:
+    if (topic.publishers or 0) > 1 and (use.is_element or use.topic in _OF_ALL_NODES):
+        return
     if (topic.publishers or 0) > 1 and not use.is_shared:
         text = (
             f'{use.topic} has {topic.publishers} publishers, whose samples are mixed; stop all but '
@@ -186,16 +204,19 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
             is_shared = bool(annotation.keys) or annotation.elements is not None
             # On a topic of many objects, the timing concerns one object, not the topic.
             stated = NO_CONSTRAINTS if is_shared else annotation.constraints
-            yield TopicUse(absolute_topic(annotation.stream), place, stated, is_shared)
+            is_element = any(_has_key(each.field) for each in annotation.contents)
+            topic = absolute_topic(annotation.stream)
+            yield TopicUse(topic, place, stated, is_shared, is_element)
     yield from _stream_uses(inputs)
     yield from _expected_uses(inputs)
     for formula in inputs.formulas:
-        for named, _ in sources_of(formula):
+        for named, field in sources_of(formula):
             for each in references(named):
                 if each.is_topic:
+                    place, topic = formula.place_of(each.name), absolute_topic(each.name)
                     is_shared = isinstance(named, BuiltInSource)
-                    place = formula.place_of(each.name)
-                    yield TopicUse(absolute_topic(each.name), place, is_shared=is_shared)
+                    is_element = _has_key(field)
+                    yield TopicUse(topic, place, is_shared=is_shared, is_element=is_element)
         if formula.requested.record is not None:
             for topic in formula.requested.record.topics:
                 yield TopicUse(absolute_topic(topic), formula.place(0), is_shared=True)
@@ -210,10 +231,65 @@ def _expected_uses(inputs: LintInputs) -> Iterator[TopicUse]:
 def _stream_uses(inputs: LintInputs) -> Iterator[TopicUse]:
     """Yield the topics that streams are made from, with the constraints on all their samples."""
     for place, declaration in streams_of(inputs):
-        for term in subterms(declaration.stream):
+        terms = list(subterms(declaration.stream))
+        by_key = _read_by_key(terms)
+        for term in terms:
             if isinstance(term, StreamReference) and term.is_topic:
-                yield TopicUse(absolute_topic(term.name), place, term.constraints)
+                topic, is_element = absolute_topic(term.name), term.name in by_key
+                yield TopicUse(topic, place, term.constraints, is_element=is_element)
             elif isinstance(term, Select) and not (term.conditions or term.elements):
                 for each in term.inputs:
                     if isinstance(each, StreamReference) and each.is_topic:
-                        yield TopicUse(absolute_topic(each.name), place, term.constraints)
+                        topic, is_element = absolute_topic(each.name), each.name in by_key
+                        yield TopicUse(topic, place, term.constraints, is_element=is_element)
+
+
+def _read_by_key(terms: Iterable[Term]) -> set[str]:
+    """Return the topics of which some selections take elements by their keys."""
+    found = (
+        term
+        for term in terms
+        if isinstance(term, Select) and any(_has_key(each.field) for each in term.selections)
+    )
+    return {each.name for term in found for each in references(term) if each.is_topic}
+
+
+def _has_key(field: str) -> bool:
+    """Return True for the path of an element that is found by its key."""
+    found = parse_field(field)
+    path = found.path if isinstance(found, ComputedField) else found
+    return isinstance(path, MessagePath) and any(
+        isinstance(step.selector, ElementKey) for step in path.steps
+    )
+
+
+def element_findings(inputs: LintInputs) -> Iterator[Finding]:
+    """Yield what reads elements by a key, and does not notice that messages lack them."""
+    regular = {each.stream for _, each in annotations_of(inputs) if _is_regular(each.constraints)}
+    for source, each in annotations_of(inputs):
+        is_element = each.keys or any(_has_key(content.field) for content in each.contents)
+        if each.is_topic and is_element and not _is_regular(each.constraints):
+            yield _unnoticed(inputs.place_of(source), absolute_topic(each.stream))
+    for place, declaration in streams_of(inputs):
+        terms = list(subterms(declaration.stream))
+        is_regular = any(_is_regular(each.constraints) for each in terms)
+        if not is_regular and declaration.name not in regular:
+            for topic in sorted(_read_by_key(terms)):
+                yield _unnoticed(place, absolute_topic(topic))
+    for formula in inputs.formulas:
+        for topic, field in references_of(formula):
+            if _has_key(field):
+                yield _unnoticed(formula.place_of(field), topic)
+
+
+def _is_regular(constraints: StreamConstraints) -> bool:
+    """Return True if the distance of samples is constrained, or they expire."""
+    return constraints.max_gap is not None or constraints.sample_period is not None
+
+
+def _unnoticed(place: FilePlace, topic: str) -> Finding:
+    text = (
+        f'{topic} is read by a key: if messages come without it, the last value stays in force; '
+        'state a max_gap or sample_period to notice that'
+    )
+    return warning_at(place, text)

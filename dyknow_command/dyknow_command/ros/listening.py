@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -111,7 +111,7 @@ class _Listener:
 
 
 def observe_running(
-    duration: int, read_fields: ReadFields, topic: str = ''
+    duration: int, read_fields: ReadFields, topic: str = '', named: Collection[str] = ()
 ) -> tuple[ObservedTopic, ...]:
     """Return the published topics, except topics of ROS and DyKnow themselves.
 
@@ -119,11 +119,12 @@ def observe_running(
         duration: the time for which they are observed, in nanoseconds.
         read_fields: returns the fields of a topic whose values are wanted.
         topic: the only topic to observe; empty for all.
+        named: the topics to observe even if they are of ROS or DyKnow itself.
     """
     found: list[ObservedTopic] = []
 
     def observe(command: CommandNode) -> None:
-        found.extend(_observe(command, duration, read_fields, topic))
+        found.extend(_observe(command, duration, read_fields, topic, named))
 
     with ros_errors():
         run_with_node('observe', observe)
@@ -131,14 +132,19 @@ def observe_running(
 
 
 def _observe(
-    command: CommandNode, duration: int, read_fields: ReadFields, topic: str
+    command: CommandNode,
+    duration: int,
+    read_fields: ReadFields,
+    topic: str,
+    named: Collection[str],
 ) -> list[ObservedTopic]:
     listeners: dict[str, _Listener] = {}
     topics, end = NodeTopics.of(command.node), command.deadline(duration)
     is_listening = False
     while (now := command.deadline(0)) < end:
         for name, types in command.node.get_topic_names_and_types():
-            if name not in listeners and (name == topic or (not topic and _is_wanted(name, types))):
+            is_wanted = name == topic or (not topic and _is_wanted(name, types, named))
+            if is_wanted and name not in listeners:
                 listeners[name] = _Listener(name, types[0], read_fields)
                 topics.listen(name, listeners[name])
         topics.refresh()
@@ -150,7 +156,9 @@ def _observe(
     counts = {name: len(publishers_of(command.node, name)) for name in listeners}
     own = set() if topic else _private_topics_of_dyknow(command.node)
     return [
-        each.observed(moment, counts[name]) for name, each in listeners.items() if name not in own
+        each.observed(moment, counts[name])
+        for name, each in listeners.items()
+        if name in named or name not in own
     ]
 
 
@@ -167,7 +175,8 @@ def _private_topics_of_dyknow(node: Node) -> set[str]:
     return found
 
 
-def _is_wanted(name: str, types: Sequence[str]) -> bool:
+def _is_wanted(name: str, types: Sequence[str], named: Collection[str]) -> bool:
     # The status of an action is hidden, and says what people ask for.
     hidden = any(part.startswith('_') for part in name.removesuffix(_STATUS).split('/'))
-    return not (hidden or name in _INTERNAL or types[0].startswith(_OWN_PACKAGE))
+    is_proposed = name in named or not (hidden or name in _INTERNAL)
+    return is_proposed and not types[0].startswith(_OWN_PACKAGE)
