@@ -427,7 +427,16 @@ def test_a_verdict_names_what_made_no_difference() -> None:
     group = started('eventually x > 1')
     group.progress(0, {'x': None})
     (result,) = group.progress(10**9, {'x': 2})
-    assert result.explanation == 'it is true whatever x since 0.000 s was'
+    assert result.explanation == 'x = 2 at 1.000 s is > 1; so it is whatever x since 0.000 s was'
+
+
+def test_a_verdict_names_the_known_value_that_decides_the_last_case() -> None:
+    group = started('forall u in S: always C[u] > 0.2', 'ab')
+    group.progress(0, {'C[a]': 0.9, 'C[b]': 0.9})
+    group.progress(10**9, {'C[a]': 0.9, 'C[b]': None})
+    (result,) = group.progress(2 * 10**9, {'C[a]': 0.9, 'C[b]': 0.1})
+    why = 'C[b] = 0.1 at 2.000 s is not > 0.2; so it is whatever C[b] since 1.000 s was'
+    assert result.explanation == f'for u = b: {why}'
 
 
 @pytest.mark.parametrize(

@@ -143,13 +143,15 @@ def explain(
     """
     instance = verdict.instance
     windows: Mapping[tuple[int, int], None] = {}
-    if isinstance(verdict, PossibleVerdict):
-        why = str(verdict)
-    elif (moment := verdict.moment) is None:
-        why = f'what remained can only be {verdict.holds}'.lower()
-    else:
+    if (moment := verdict.moment) is not None:
         explainer = _Explainer(formula, moment, values, histories)
         why, windows = explainer.text(), explainer.windows
+        if isinstance(verdict, PossibleVerdict):
+            why = f'{why}; so it is {verdict.whatever}'
+    elif isinstance(verdict, PossibleVerdict):
+        why = str(verdict)
+    else:
+        why = f'what remained can only be {verdict.holds}'.lower()
     why = f'{scope_text(formula, counts, instance.binding, holds=verdict.holds)}{why}'
     if instance.gap is not None:
         why = f'{why}; so it is whatever the states were that are missing {instance.gap}'

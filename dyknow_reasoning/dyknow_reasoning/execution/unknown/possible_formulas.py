@@ -56,17 +56,23 @@ class PossibleVerdict:
         instance: that decides the formula.
         holds: the verdict.
         wants: since when each open feature made a difference before, in nanoseconds.
+        moment: that decides the only case that was undecided; None if there were several.
     """
 
     instance: FormulaInstance
     holds: bool
     wants: Mapping[str, int]
+    moment: DecidingMoment | None = None
 
     def __str__(self) -> str:
         """The reason of the verdict."""
-        holds = str(self.holds).lower()
+        return f'it is {str(self.holds).lower()} {self.whatever}'
+
+    @property
+    def whatever(self) -> str:
+        """The values that make no difference."""
         was = f'{wants_text(self.wants)} was' if self.wants else 'the unknown values were'
-        return f'it is {holds} whatever {was}'
+        return f'whatever {was}'
 
 
 class Doubt(NamedTuple):
@@ -304,24 +310,41 @@ class PossibleFormula:
         for after, one in self._false_alone(before, time, values) if is_joint else ():
             return self._verdict(after, one, time, previous, values)
         values, wants = earliest(values), before.wants
-        if not depends.registers and (before.reason or not wants):
-            opened = {*self._of.open_at(values)}
-            for number, place in before.found[0].places.items():
-                instance, template = self._of.instances[number], self._of.templates[number]
-                state = InstanceState(instance, template, *place, {})
-                mask = state.node.mask
-                if opened & features_of(instance.atoms[slot] for slot in slots(mask)).keys():
-                    continue
-                symbol = quick_reader(instance.atoms, instance.kinds, mask)(values)
-                move = template.automaton.move(state.location, symbol, (*state.times, time))
-                if move.target.verdict is holds:
-                    since = time if previous is None else previous
-                    moment = DecidingMoment(state, symbol, time, since)
-                    return InstanceVerdict(instance, holds, moment)
+        moment = None
+        if not depends.registers:
+            with suppress(ReasoningError):  # Other values decide it, and these may be unusable.
+                moment = self._moment(before, time, previous, values, holds=holds)
+        if moment is not None and (before.reason or not wants):
+            return InstanceVerdict(moment.before.instance, holds, moment)
         instance = min(depends.instances.values(), key=lambda each: each.order)
         if is_joint:
             instance = replace(instance, binding={})
-        return PossibleVerdict(instance, holds, wants)
+        is_one = len(depends.instances) == len(before.found) == 1
+        return PossibleVerdict(instance, holds, wants, moment if is_one else None)
+
+    def _moment(
+        self,
+        before: Possibilities,
+        time: int,
+        previous: int | None,
+        values: Values,
+        *,
+        holds: bool,
+    ) -> DecidingMoment | None:
+        """Return the moment at which known values decide the first case; None if none do."""
+        opened = {*self._of.open_at(values)}
+        for number, place in before.found[0].places.items():
+            instance, template = self._of.instances[number], self._of.templates[number]
+            state = InstanceState(instance, template, *place, {})
+            mask = state.node.mask
+            if opened & features_of(instance.atoms[slot] for slot in slots(mask)).keys():
+                continue
+            symbol = quick_reader(instance.atoms, instance.kinds, mask)(values)
+            move = template.automaton.move(state.location, symbol, (*state.times, time))
+            if move.target.verdict is holds:
+                since = time if previous is None else previous
+                return DecidingMoment(state, symbol, time, since)
+        return None
 
     def _false_alone(
         self, before: Possibilities, time: int, values: Values
