@@ -136,10 +136,20 @@ def _required_before(body: Any) -> Iterator[Token]:
     if not isinstance(body, Tree):
         return
     if body.data == 'comparison':
-        calls = (each.children[0] for each in body.find_data('call'))
-        yield from (each for each in calls if isinstance(each, Token) and each == 'prev')
+        yield from _values_before(body)
     for part in body.children if body.data in {'and_', 'forall'} else ():
         yield from _required_before(part)
+
+
+def _values_before(term: Any) -> Iterator[Token]:
+    """Return each `prev` of a term, but for those of what `count` counts: it may be false."""
+    function = term.children[0] if isinstance(term, Tree) else None
+    if not isinstance(term, Tree) or function == 'count':
+        return
+    if term.data == 'call' and isinstance(function, Token) and function == 'prev':
+        yield function
+    for each in term.children:
+        yield from _values_before(each)
 
 
 def _brackets(text: str) -> dict[int, int]:

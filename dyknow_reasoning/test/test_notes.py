@@ -73,3 +73,17 @@ def test_only_what_previous_may_reach_over_by_mistake_is_noted(
 def test_no_notes_on_what_is_not_a_formula() -> None:
     with pytest.raises(LanguageError):
         notes_on('always[0, 5')
+
+
+@pytest.mark.parametrize(
+    ('text', 'columns'),
+    [
+        ('always x - prev(x) < max(prev(y), 5)', [12, 26]),
+        ('always sum(C[u] - prev(C[u]) for u in S) < 3', [19]),
+        ('always count(x != prev(x), 10 s) <= 4', []),
+        ('always count(C[u] > prev(C[u]) for u in S) <= 1', []),
+        ('always count(x != prev(x), 10 s) < prev(y)', [36]),
+    ],
+)
+def test_what_is_counted_may_be_false_at_the_first_state(text: str, columns: list[int]) -> None:
+    assert [each.position.column for each in notes_on(text)] == columns
