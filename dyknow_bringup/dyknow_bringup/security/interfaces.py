@@ -250,7 +250,8 @@ def federation_interfaces(engines: Collection[str]) -> Interfaces:
             serves=frozenset({'~/push_down'}),
             subscribes=_watched(*watched)
             | frozenset(f'{each}/_heartbeat' for each in engines)
-            | frozenset(map(streams_of, engines)),
+            | frozenset(map(streams_of, engines))
+            | {'stream_manager/streams'},
             requests=_services('stream_manager', 'stream_create_from_spec', 'stream_destroy')
             | _services(
                 'ontology_manager',

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from dyknow_interfaces.msg import Sample as SampleMessage
-from dyknow_interfaces.msg import StreamSpec
+from dyknow_interfaces.msg import StreamSpec, StreamStatusArray
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import Alternatives, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, RemoteNode, time_to_nanoseconds
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import MAX_REASON, StreamFault
@@ -21,6 +21,9 @@ from dyknow_stream_processing.ros import NodeTopics, sample_fields, sample_valid
 
 NAME: Final = '_federation_'
 """The beginning of the names of the streams; DyKnow's own streams begin with an underscore."""
+
+GONE_NS: Final = 2 * SECOND_NS
+"""Time after which a stream is made anew that the stream manager does not report."""
 
 
 @dataclass(eq=False, slots=True)
@@ -121,18 +124,26 @@ class OwnStreams:
         services = (StreamCreateFromSpec, StreamDestroy)
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._manager = RemoteNode(node, name, services=services)
+        self._manager.on_lost.append(self._lose_reports)
+        self._report = StreamStatusArray()
+        node.create_report_subscription(
+            StreamStatusArray, f'{name}/streams', self._note_report, callback_group=node.reentrant
+        )
         self.needed: frozenset[str] = frozenset()
         """Those that formulas of peers are about."""
         self._topics = NodeTopics.of(node)
         self._failed: set[str] = set()
         """The streams that cannot be made; peers have been told."""
         self._made: dict[str, _Made] = {}
+        self._missing_since: dict[str, int] = {}
+        """When the stream manager was first found not to report streams that are made."""
         self._is_working = False
 
     @property
     def made(self) -> frozenset[str]:
-        """The names of the streams that are made."""
-        return frozenset(self._made)
+        """The names of the streams that are made, as the stream manager reports, too."""
+        reported = {each.name for each in self._report.streams}
+        return frozenset(each for each in self._made if NAME + each in reported)
 
     def known_until(self, names: Collection[str]) -> int | None:
         """Return until when all samples of streams that are made are known; None if unknown."""
@@ -149,9 +160,34 @@ class OwnStreams:
         asked = self.peer.sent.keys() | self.needed
         self._failed &= asked
         due = {name: self.offers[name] for name in asked & self.offers.keys()}
+        self._forget_gone()
         if not self._is_working and due != {name: each.offer for name, each in self._made.items()}:
             self._is_working = True
             self.node.spawn(self._reconcile, due)
+
+    def _note_report(self, report: StreamStatusArray) -> None:
+        self._report = report
+
+    def _lose_reports(self) -> None:
+        self._report = StreamStatusArray()
+
+    def _forget_gone(self) -> None:
+        """Forget the streams that a restart has ended, or somebody else, for them to be made anew.
+
+        A restarted stream manager learns from its engines what these make.
+        """
+        is_known = self._manager.alive and bool(self._report.engines)
+        missing = self._made.keys() - self.made if is_known and not self._is_working else ()
+        now = self.node.wall_clock.now().nanoseconds
+        self._missing_since = {name: self._missing_since.get(name, now) for name in missing}
+        for name, since in list(self._missing_since.items()):
+            if now - since >= GONE_NS:
+                del self._missing_since[name]
+                known_until = self._made[name].listener.known_until
+                self._made.pop(name).remove()
+                reason = 'its host makes it anew, as it was gone there'
+                time = None if known_until is None else known_until + 1
+                self.violate(name, ViolationKind.LOST, reason, time)
 
     async def _reconcile(self, due: Mapping[str, Offer]) -> None:
         faults: list[str] = []
