@@ -27,7 +27,7 @@ from dyknow_federation.clocks import BEGINNING, NEVER
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import PeerEvent
-from dyknow_federation.messages import MAX_REASON, Message, Packet, Request, Shares
+from dyknow_federation.messages import MAX_REASON, Message, Packet, Request, Shares, is_verdict
 from dyknow_federation.push_down import streams_of
 from dyknow_federation.remote import RemotePeer, hello_period
 from dyknow_federation.sending import SentStream, Thinning
@@ -80,7 +80,8 @@ class Peer:
 
     Attributes:
         remotes: the other peers that are known, by their names.
-        shares: what the own host shares.
+        shares: what the own host shares; version 0 until it has found out. Until then, peers stay
+            with what its former run shared, and get no answer to requests.
         sent: the own streams that others ask for, or did so for the time of the history, by their
             names and constants: `publish` their samples.
         formulas: that others have asked to evaluate, by the streams of their verdicts.
@@ -99,8 +100,8 @@ class Peer:
         check_name(settings.name, FederationError)
         self._settings = settings
         self._incarnation = incarnation
-        self._now = BEGINNING
-        self.shares = Shares(1)
+        self._now = self._begun_at = BEGINNING
+        self.shares = Shares(0 if settings.share else 1)
         self.remotes: dict[str, RemotePeer] = {}
         self.sent: dict[str, dict[_Constants, SentStream]] = {}
         self.formulas: dict[str, FormulaForPeer] = {}
@@ -234,8 +235,10 @@ class Peer:
 
     def _note_time(self, at: int) -> None:
         """Notice that the own clock has jumped back: restart waits, and measure clocks anew."""
-        if at < self._now:
-            self._hello_at = at
+        if self._now == BEGINNING:
+            self._begun_at = at
+        elif at < self._now:
+            self._hello_at = self._begun_at = at
             self._faults_at.clear()
             for streams in self.sent.values():
                 for constants, stream in streams.items():
@@ -266,6 +269,8 @@ class Peer:
         match message:
             case messages.SharesRequest():
                 remote.send(self.shares)
+            case Request() | messages.FormulaRequest() if self._is_beginning(at):
+                pass  # It is repeated.
             case Request():
                 self._take_request(remote, message, at)
             case messages.FormulaRequest():
@@ -281,6 +286,24 @@ class Peer:
                 remote.send(messages.ProbeReply(sent_at, at, at))
             case _:
                 self._events += remote.take(message, at)
+
+    def _is_beginning(self, at: int) -> bool:
+        """Return True while the own host may soon find out what it shares."""
+        return not self.shares.version and at - self._begun_at < self._settings.peer_timeout
+
+    def _refusal(self, stream: str) -> str:
+        """Return why a stream is not given."""
+        if is_verdict(stream):
+            return 'it is not shared, as that formula is not evaluated there any more'
+        if not self.shares.version:
+            return (
+                'it is not known there what can be shared, as the ontology manager or the '
+                'semantics manager there does not answer'
+            )
+        named = (each.name for each in self._settings.share)
+        if any(f'{stream}_'.startswith(f'{each}_') for each in named):
+            return 'no stream there carries it now'
+        return 'it is not shared; name it in share there'
 
     def _is_asked(self, stream: str, remote: RemotePeer) -> bool:
         """Return True for the verdict of a formula that a peer has asked for."""
@@ -308,7 +331,7 @@ class Peer:
         name, constants = request.stream, request.constants
         feature = next((each.name for each in self.shares.features if each.stream == name), None)
         if feature is None and not self._is_asked(name, remote):
-            reason = 'it is not shared; name it in share there'
+            reason = self._refusal(name)
             remote.send(messages.RequestRefusal(name, reason))
             return
         streams = self.sent.setdefault(name, {})

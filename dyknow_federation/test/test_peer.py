@@ -7,13 +7,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
+from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, Value
-from dyknow_configuration import RequestedFederation
+from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import VERSION, encode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
@@ -61,8 +62,10 @@ class Net:
         for number, name in enumerate(names, 1):
             self.start(name, number)
 
-    def start(self, name: str, incarnation: int) -> None:
-        self.peers[name] = Peer(RequestedFederation(name), incarnation)
+    def start(self, name: str, incarnation: int, **settings: Any) -> None:
+        self.offsets.setdefault(name, 0)
+        self.events.setdefault(name, [])
+        self.peers[name] = Peer(RequestedFederation(name, **settings), incarnation)
 
     def time(self, name: str) -> int:
         return self.now + self.offsets[name]
@@ -241,6 +244,50 @@ def test_what_is_not_shared_is_refused_once() -> None:
     net.peers['a'].share([], [SharedFeature('S', (), 'secret', 'float')], net.time('a'))
     net.run(3)
     assert [*net.peers['a'].sent] == ['secret']
+
+
+def test_what_is_shared_is_not_refused_after_a_restart() -> None:
+    """A host finds out what it can share some time after it has begun."""
+    net = sharing()
+    net.start('a', 7, share=(RequestedShare('level'),))
+    net.run(3)
+    reasons = [each.reason for each in net.take('b', StreamViolated)]
+    assert reasons == ["samples of peer 'a' are lost: the peer has started again"]
+    assert net.peers['b'].remotes['a'].shares.features == (LEVEL,)
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    net.run(0.5)
+    net.publish('a', 4)
+    net.settle()
+    assert net.values('b')[-1] == 4
+    assert not net.take('b', StreamViolated)
+
+
+def test_a_formula_is_not_refused_by_a_host_that_has_just_begun() -> None:
+    net = sharing()
+    net.start('a', 7, share=(RequestedShare('level'),))
+    net.peers['b'].request_formula('a', ASKED, net.time('b'))
+    net.run(2)
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    net.run(1)
+    (answered,) = net.take('b', FormulaAnswered)
+    assert not answered.refusal
+
+
+def test_why_a_stream_is_refused_that_a_host_has_named() -> None:
+    net = Net('b')
+    net.start('a', 7, share=(RequestedShare('level'),))
+    net.peers['b'].request('a', 'level', net.time('b'))
+    net.run(9)
+    assert not net.take('b', StreamViolated)
+    net.run(3)
+    (refused,) = net.take('b', StreamViolated)
+    assert refused.reason.startswith(
+        "peer 'a' refuses it: it is not known there what can be shared"
+    )
+    net.peers['a'].share([], [], net.time('a'))
+    net.run(3)
+    (refused,) = net.take('b', StreamViolated)
+    assert refused.reason == "peer 'a' refuses it: no stream there carries it now"
 
 
 def test_a_violation_is_told_though_nothing_follows() -> None:

@@ -218,7 +218,7 @@ class Federation(DyKnowNode):
             found, knowledge, self._offer_faults = await self._vocabulary.offers(deadbands)
             given, offers = shares(self._peer.shares.version, found, knowledge, deadbands)
             self._own.offers = offers
-            if given != self._peer.shares:
+            if given != self._peer.shares or not given.version:
                 self._peer.share(given.objects, given.features, self.now())
             is_done = True
         except DyKnowError as error:
