@@ -7,6 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_flow import Flow
 
+MS = 1_000_000
+
 
 def rates(flow: Flow) -> dict[float, float]:
     """Return the rates by valid time."""
@@ -40,9 +42,11 @@ def test_no_window_with_lost_messages_has_a_rate(flow: Flow, *, is_noticed_late:
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.create('rate("b", 20 ms)', name='other')
     flow.feed('a', range(0, 45, 5))
-    flow.dataflow.lose('a')
+    flow.dataflow.doubt('a', 60 * MS)
     if is_noticed_late:
         flow.advance(75)
+    flow.dataflow.lose('a')
+    flow.dataflow.trust('a')
     flow.feed('a', range(80, 130, 5))
     found = rates(flow)
     assert {round(each) for each in found.values()} == {200}
@@ -52,6 +56,94 @@ def test_no_window_with_lost_messages_has_a_rate(flow: Flow, *, is_noticed_late:
     assert violation.message.endswith(
         'messages before 0.080 s were lost, as their reader was stopped or had no processor'
     )
+
+
+def test_no_window_is_complete_before_the_messages_after_a_pause(flow: Flow) -> None:
+    """Other topics move the time on before the loss is known."""
+    flow.ordered_topics |= {'a', 'b'}
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.create('sync(rate("a", 20 ms) with max_delay = 3 ms, "b" with max_delay = 3 ms)', name='t')
+    flow.feed('a', range(0, 45, 5))
+    flow.samples.clear()
+    flow.dataflow.doubt('a', 60 * MS)
+    flow.feed('b', range(45, 66, 5))
+    assert flow.samples == []
+    flow.dataflow.trust('a')
+    flow.push('a', 65, x=1)
+    flow.push('b', 70, x=1)
+    assert rates(flow)[58] == 50  # The topic was silent meanwhile.
+    assert flow.broken() == []
+
+
+def test_messages_that_no_other_proves_complete_may_be_lost(flow: Flow) -> None:
+    flow.ordered_topics.add('a')
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.feed('a', range(0, 45, 5))
+    flow.dataflow.doubt('a', 60 * MS)
+    flow.advance(82)
+    assert max(rates(flow)) == 40
+    flow.advance(90)
+    assert {time: hz for time, hz in rates(flow).items() if time > 40} == {
+        80: 0,
+        82: 0,
+        84: 0,
+        86: 0,
+    }
+    (violation,) = flow.violations
+    assert violation.constraint == 'lost'
+    assert 'messages before 0.060 s may have been lost, as' in violation.message
+
+
+def test_the_loss_of_one_publisher_does_not_end_the_doubt_about_others(flow: Flow) -> None:
+    flow.ordered_topics.add('a')
+    flow.create('rate("a", 20 ms) with max_delay = 30 ms')
+    flow.feed('a', range(0, 45, 5))
+    flow.dataflow.doubt('a', 100 * MS)
+    flow.dataflow.lose('a')
+    flow.push('a', 70, x=1)
+    flow.feed('a', range(75, 101, 5))
+    flow.dataflow.lose('a')
+    flow.push('a', 102, x=1)
+    flow.dataflow.trust('a')
+    flow.feed('a', range(105, 141, 5))
+    assert flow.broken() == [('lost', 70), ('lost', 102)]
+    assert [time for time in rates(flow) if time > 40] == [
+        122,
+        124,
+        126,
+        128,
+        130,
+        132,
+        134,
+        136,
+        138,
+        140,
+    ]
+
+
+def test_late_messages_of_a_pause_are_lost_too(flow: Flow) -> None:
+    """Those that come too late are dropped."""
+    flow.ordered_topics.add('a')
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.feed('a', range(0, 45, 5))
+    flow.dataflow.doubt('a', 60 * MS)
+    flow.receive('a', (45, 61), (50, 61))
+    flow.dataflow.trust('a')
+    flow.feed('a', range(65, 86, 5))
+    assert flow.broken() == [('max_delay', 45), ('max_delay', 50), ('lost', 60)]
+    assert [time for time in rates(flow) if time > 40] == [80, 82, 84]
+
+
+def test_a_rate_that_is_made_during_the_doubt_waits_too(flow: Flow) -> None:
+    flow.ordered_topics.add('a')
+    flow.dataflow.doubt('a', 60 * MS)
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.feed('a', range(35, 61, 5))
+    flow.dataflow.lose('a')
+    flow.dataflow.trust('a')
+    flow.feed('a', range(75, 101, 5))
+    assert flow.broken() == [('lost', 75)]
+    assert [*rates(flow)] == [95, 97, 99]
 
 
 @given(

@@ -91,6 +91,9 @@ class _Listener:
     def on_dropped(self, reason: str, count: int) -> None:
         """Ignore lost messages: the intervals show them."""
 
+    def on_doubt(self, doubt: Any, until: int) -> None:
+        """Ignore that messages may be lost: the intervals show gaps."""
+
     def on_violation(self, violation: Any) -> None:
         """Ignore violations of streams."""
 

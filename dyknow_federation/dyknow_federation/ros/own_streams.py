@@ -90,6 +90,9 @@ class OwnStream:
         """Report samples that were lost between the engine and this node."""
         self.streams.node.reject(self.name, f'{count} samples: {reason}')
 
+    def on_doubt(self, doubt: Any, until: int) -> None:
+        """Ignore that samples may be lost: the lost ones are told."""
+
     def on_violation(self, violation: Violation) -> None:
         """Tell the peers, as their readers cannot know why samples are missing or wrong."""
         time, kind = violation.valid_time, violation.constraint

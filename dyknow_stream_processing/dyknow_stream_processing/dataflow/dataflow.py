@@ -85,6 +85,7 @@ class Dataflow:
         self._source_type = source_type
         self._remark = remark
         self._streams: dict[str, _RunningStream] = {}
+        self._doubts: dict[str, int] = {}
         self._reset()
 
     @classmethod
@@ -96,6 +97,7 @@ class Dataflow:
         return cls(units, source_type, OTHER_CLOCK_NS, delays=limits)
 
     def _reset(self) -> None:
+        self._doubts.clear()
         self._scheduler = Scheduler()
         self._graph = OperatorGraph(
             self._scheduler,
@@ -141,9 +143,16 @@ class Dataflow:
         try:
             stream.attach(self._graph.connect(resolved.term))
             self._streams[name] = stream
+            self._doubt_new(stream)
         finally:
             # If it failed, the operators that were connected before are unused.
             self._graph.sweep()
+
+    def _doubt_new(self, stream: _RunningStream) -> None:
+        for each in stream.operators:
+            if isinstance(each, RateOperator) and each.emitted_at is None:
+                for topic in self._doubts.keys() & {source.label for source in each.sources}:
+                    each.doubt(self._doubts[topic])
 
     def complete_windows(self, name: str) -> None:
         """Give no results of windows that have not passed since their first sample.
@@ -319,12 +328,34 @@ class Dataflow:
             for observer in source.observers:
                 observer.count_drops(reason, count)
 
+    def doubt(self, topic: str, until: int) -> None:
+        """Make no rate of a topic certain by the clock, as this process has paused.
+
+        Until `trust`, rates wait for the windows that begin before the end of the pause.
+
+        Args:
+            topic: its name.
+            until: the end of the pause, nanoseconds; messages that were sent before may be lost.
+        """
+        self._doubts[topic] = until
+        for each in self._rates(topic):
+            each.doubt(until)
+
     def lose(self, topic: str) -> None:
-        """Let no rate of a topic count messages that are lost before the next one, not missing."""
+        """Let no rate of a doubted topic count messages that are lost before the next one."""
+        for each in self._rates(topic):
+            each.lose()
+
+    def trust(self, topic: str) -> None:
+        """End the doubt about a topic with its next message: all lost ones were told by `lose`."""
+        self._doubts.pop(topic, None)
+        for each in self._rates(topic):
+            each.trust()
+
+    def _rates(self, topic: str) -> list[RateOperator]:
         sources = {*self._graph.sources.get(topic, ())}
-        for each in self._graph.operators(RateOperator):
-            if not sources.isdisjoint(each.sources):
-                each.lose()
+        rates = self._graph.operators(RateOperator)
+        return [each for each in rates if not sources.isdisjoint(each.sources)]
 
     def dropped(self, topic: str) -> Counter[str]:
         """Return how many samples the operators of a topic alone have dropped, by reason."""

@@ -69,3 +69,44 @@ def test_a_successor_loses_messages_once_the_killed_one_is_forgotten() -> None:
 
 def test_the_graph_may_not_know_the_publisher_yet() -> None:
     assert Topic().note(1, 2, 4) == [1]
+
+
+def test_a_doubt_ends_with_a_later_message_of_each_publisher() -> None:
+    gaps: list[int] = []
+    numbers = SequenceGaps(lambda: frozenset('ab'), gaps.append)
+    for number in (1, 100, 2, 101):
+        numbers.note(number)
+    numbers.doubt(2)
+    assert not numbers.note(3)
+    assert not numbers.note(4, is_proof=True)
+    assert not numbers.note(5, is_proof=True)
+    assert not numbers.note(110)
+    assert numbers.note(111, is_proof=True)
+    assert not numbers.note(6, is_proof=True)
+    assert gaps == [0, 8]  # The second one may have been a gap of the first publisher.
+
+
+def test_a_publisher_that_went_before_a_doubt_need_not_prove_anything() -> None:
+    numbers = SequenceGaps(lambda: frozenset('b'), lambda _: None)
+    for number in (1, 100, 101):
+        numbers.note(number)
+    numbers.doubt(1)
+    assert numbers.note(102, is_proof=True)
+
+
+def test_a_publisher_that_goes_in_a_doubt_may_have_lost_messages() -> None:
+    publishers = {'a', 'b'}
+    numbers = SequenceGaps(lambda: frozenset(publishers), lambda _: None)
+    for number in (1, 100):
+        numbers.note(number)
+    numbers.doubt(2)
+    publishers.remove('a')
+    assert not numbers.note(102, is_proof=True)
+    assert not numbers.note(103, is_proof=True)
+
+
+def test_unnumbered_messages_end_no_doubt() -> None:
+    numbers = SequenceGaps(lambda: frozenset('a'), lambda _: None)
+    numbers.note(None)
+    numbers.doubt(1)
+    assert not numbers.note(None, is_proof=True)

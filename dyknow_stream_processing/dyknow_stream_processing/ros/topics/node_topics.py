@@ -34,7 +34,7 @@ from rclpy.qos import QoSProfile
 from dyknow_common import NANOSECONDS, SECOND_NS
 from dyknow_common.ros import Heartbeats, PrunedCallbackGroup, is_time_simulated, set_period
 from dyknow_stream_processing.ros.messages.message_types import type_name_of
-from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, is_pause_recent
+from dyknow_stream_processing.ros.topics.process_pauses import PauseWait
 from dyknow_stream_processing.ros.topics.topic_feed import (
     MessageListener,
     ReceivedMessage,
@@ -87,8 +87,6 @@ class NodeTopics:
         self._goes_on = self._node.create_guard_condition(self._go_on, self.group)
         self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
-        self.was_stopped = False
-        """True while messages are processed that waited in a pause of this process."""
         self._watched_at = 0
         self._restarts: tuple[Callable[[int], None], ...] = ()
         # By how much the clock of the host is ahead of the steady clock, at least.
@@ -193,7 +191,7 @@ class NodeTopics:
         """Process a message, after all messages of all topics that were received before it."""
         self._check_clock(now)
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
-        if late > LATE_NS or self._taken or is_pause_recent():
+        if late > LATE_NS or self._taken or self._pause.is_due():
             self._taken.append(message)
             self.catch_up(now)
         else:
@@ -216,7 +214,8 @@ class NodeTopics:
         if self._pause.goes_on(now):
             return False
         if (began := self._pause.end()) is not None:
-            self.was_stopped = True
+            for feed in feeds:
+                feed.end_pause(now)
             if not self.is_time_simulated:
                 self._taken = deque(_in_time(self._taken, began))
         # A violation was published before the samples that it casts doubt on.
@@ -234,8 +233,6 @@ class NodeTopics:
         if self._taken:
             # Received after `now`, perhaps later than messages of topics that were read before.
             self._goes_on.trigger()
-        else:
-            self.was_stopped = False
         self._last_activity = time.monotonic_ns()
         return True
 
@@ -267,7 +264,11 @@ class NodeTopics:
 
     def _watch(self) -> None:
         """Match the subscriptions to the publishers: of all topics, or of those without any."""
-        self._check_clock(self._node.get_clock().now().nanoseconds)
+        time_ns = self._node.get_clock().now().nanoseconds
+        self._check_clock(time_ns)
+        # After a pause, the publishers of before are those whose messages may be lost.
+        if self._pause.is_due() and not self.catch_up(time_ns):
+            return
         feeds = [each for each in self._feeds.values() if not each.has_publishers]
         now = time.monotonic_ns()
         if not feeds or now - self._watched_at >= WATCH_PERIOD_NS:

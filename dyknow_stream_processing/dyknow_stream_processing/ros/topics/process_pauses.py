@@ -57,7 +57,10 @@ class ProcessPauses:
         self._last = now
         self._began: int | None = None
         self._length = 0
+        self._last_began = now
         self._settled_at = now
+        self.count = 0
+        """The number of pauses."""
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
@@ -81,6 +84,11 @@ class ProcessPauses:
     def runs_for(self, now: int) -> int:
         """Return the time since the end of the last pause, in nanoseconds."""
         return now - self._settled_at + SETTLING_NS
+
+    def since_begin(self, now: int) -> int:
+        """Return the nanoseconds since the begin of the last pause; `now` is of the same clock."""
+        with self._lock:
+            return now - self._last_began
 
     def delay_of(self, sent_at: int | None) -> int:
         """Return for how long a message has waited because of a pause, nanoseconds.
@@ -120,7 +128,9 @@ class ProcessPauses:
     def _note(self, now: int) -> None:
         if now - self._last > PAUSE_NS:
             # The first of several pauses began before all messages that still wait.
+            self.count += 1
             self._began = self._last if self._began is None else self._began
+            self._last_began = self._began
             self._length = now - self._began
             self._settled_at = now + SETTLING_NS
             self._last = now
@@ -176,7 +186,13 @@ class PauseWait:
         self._catch_up = catch_up
         self._began: int | None = None
         self._since, self._ended = 0, 0
+        self._count = PAUSES.count
         self._timer: Any = None
+
+    def is_due(self) -> bool:
+        """Return True if there was a pause since the last `end`."""
+        PAUSES.unsettled_for(time.monotonic_ns())
+        return PAUSES.count != self._count
 
     def goes_on(self, now: int) -> bool:
         """Return True if the wait is not over at a time of the node's clock, nanoseconds."""
@@ -200,8 +216,12 @@ class PauseWait:
         return 0 if self._began is None else now - self._began
 
     def end(self) -> int | None:
-        """End the wait, and return the begin of the pause; `None` without one."""
+        """End the wait, and return the begin of the last pause since; `None` without one."""
         began, self._began = self._began, None
+        if PAUSES.count != self._count and began is None:
+            now = self._node.get_clock().now().nanoseconds
+            began = now - PAUSES.since_begin(time.monotonic_ns())
+        self._count = PAUSES.count
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from enum import Enum
 from time import monotonic_ns, time_ns
 from typing import Any, NamedTuple, Protocol, cast
 
@@ -61,6 +62,17 @@ class TopicsOfNode(Protocol):
         """Process all messages that wait; return False if some are processed later."""
 
 
+class Doubt(Enum):
+    """Which messages of a topic may be lost because this process has paused."""
+
+    BEFORE = 'before'
+    """Any that was sent before a time."""
+    NEXT = 'next'
+    """Some before the next message are lost."""
+    OVER = 'over'
+    """None before the next message, but those that were told of."""
+
+
 class ReceivedMessage(NamedTuple):
     """A message with the number its publisher gave it, and the times of its receipt and sending."""
 
@@ -95,6 +107,10 @@ class TopicFeed:
     refusal: str = ''
     latest_receipt: int = 0
     subscribed_at: int = 0
+    is_known: bool = False
+    """True if a message was processed."""
+    doubted_until: int | None = None
+    """The time before which messages were sent that may be lost; None without a doubt."""
     written: str = ''
     """The name that rclpy makes the absolute one of by its remappings; by default the latter."""
 
@@ -174,9 +190,24 @@ class TopicFeed:
                 raise  # In a node of a user, who sees the errors of the own callbacks.
             guard.reject(error)
 
+    def end_pause(self, now: int) -> None:
+        """Note the end of a pause of this process, in which messages may have been lost."""
+        if self.is_known:
+            self.gaps.doubt(0 if self.request is None else len(self.request.publishers))
+            self.doubted_until = now
+            self._doubt(Doubt.BEFORE, now)
+
+    def _doubt(self, doubt: Doubt, until: int = 0) -> None:
+        for listener in self.listeners:
+            listener.on_doubt(doubt, until)
+
     def _process(self, message: ReceivedMessage) -> None:
-        self.is_recreated = False
-        self.gaps.note(message.number)
+        self.is_recreated, self.is_known = False, True
+        sent_at, until = message.sent_at or message.receipt_time, self.doubted_until
+        is_proof = until is not None and sent_at > until
+        if self.gaps.note(message.number, is_proof=is_proof):
+            self.doubted_until = None
+            self._doubt(Doubt.OVER)
         # A message that has waited may be of the type that the topic had before.
         if self.relay is not None and type(message.message) is self.subscription.msg_type:
             if not self._admits(message.message):
@@ -313,6 +344,8 @@ class TopicFeed:
         return ReceivedMessage(self, message, number, self.latest_receipt, sent_at, is_initial)
 
     def _on_gap(self, count: int) -> None:
+        if self.doubted_until is not None:
+            self._doubt(Doubt.NEXT)
         if count:
             self._drop(ViolationKind.LOST, count)
         else:
@@ -356,6 +389,14 @@ class MessageListener(Protocol):
 
     def on_dropped(self, reason: str, count: int) -> None:
         """Receive the number of messages that were lost or dropped before the next one."""
+
+    def on_doubt(self, doubt: Doubt, until: int) -> None:
+        """Receive which messages may be lost because this process has paused.
+
+        Args:
+            doubt: which ones.
+            until: the time of `Doubt.BEFORE`, in nanoseconds.
+        """
 
     def on_violation(self, violation: Violation) -> None:
         """Receive a violation of the topic."""

@@ -32,6 +32,7 @@ from dyknow_stream_processing.ros.topics.publications import (
     is_kept,
     type_of_class,
 )
+from dyknow_stream_processing.ros.topics.topic_feed import Doubt
 from dyknow_stream_processing.sample import Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -195,7 +196,6 @@ class TopicSources:
             self._schedule,
             self._arrive,
             self._clock_tolerance,
-            lambda: self._topics.was_stopped,
         )
         source.remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
@@ -275,7 +275,6 @@ class _Source:
     schedule: Callable[[], None]
     arrive: Callable[[_Arrival], None]
     clock_tolerance: int
-    was_stopped: Callable[[], bool]
     remove: Callable[[], None] = lambda: None
     """Ends its subscription."""
     clock: SenderClock = field(default_factory=SenderClock)
@@ -418,8 +417,15 @@ class _Source:
     def on_dropped(self, reason: str, count: int) -> None:
         self.drops[reason] += count
         self.dataflow.drop(self.topic, reason, count)
-        if reason == ViolationKind.LOST and self.was_stopped():
+
+    def on_doubt(self, doubt: Doubt, until: int) -> None:
+        if doubt is Doubt.BEFORE:
+            self.dataflow.doubt(self.topic, until)
+            self.schedule()
+        elif doubt is Doubt.NEXT:
             self.dataflow.lose(self.topic)
+        else:
+            self.dataflow.trust(self.topic)
 
     def on_violation(self, violation: Violation) -> None:
         self.dataflow.report(self.topic, violation)
