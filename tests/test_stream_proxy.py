@@ -414,6 +414,35 @@ def test_topics_are_known_until_the_begin_of_a_pause(client: Client) -> None:
     assert client.node.get_clock().now().nanoseconds - sources.processed_until() >= 5 * SECOND
 
 
+def test_messages_that_a_pause_has_lost_are_not_missing_from_a_rate(client: Client) -> None:
+    """The messages of another topic are processed before the loss can be known."""
+    few, text = QoSProfile(depth=5), 'rate("/a", 500 ms) with max_delay = 100 ms'
+    publishers = [client.node.create_publisher(Float64, each, RELIABLE) for each in ('/a', '/b')]
+    recording = Recording(client, text, quality_of_service=few)
+    other = Recording(client, '/b')
+    for publisher in publishers:
+        wait_for_match(client, publisher)
+
+    def publish() -> bool:
+        for publisher in publishers:
+            publisher.publish(Float64())
+        return len(recording.samples) > count
+
+    count = 5
+    client.spin_until(publish, 'a rate', pause=0.02)
+    begun = time.monotonic_ns()
+    for _ in range(75):
+        publish()
+        time.sleep(0.02)
+    assert other.violations == []
+    PAUSES.note_sign_of_life(begun)
+    count = len(recording.samples) + 15
+    client.spin_until(publish, 'rates after the pause', pause=0.02)
+    assert 0 not in recording.values('hz')
+    assert 'lost' in recording.broken()
+    assert 'were lost, as their reader was stopped' in str(recording.violations)
+
+
 def test_the_field_of_the_valid_time_can_be_named(client: Client) -> None:
     publisher = client.node.create_publisher(TimeReference, '/a', RELIABLE)
     text = 'select source from "/a" with max_delay = 1 min'

@@ -146,6 +146,17 @@ def test_a_rate_that_is_made_during_the_doubt_waits_too(flow: Flow) -> None:
     assert [*rates(flow)] == [95, 97, 99]
 
 
+def test_the_doubt_about_a_topic_ends_with_its_subscription(flow: Flow) -> None:
+    flow.ordered_topics.add('a')
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.dataflow.doubt('a', 60 * MS)
+    flow.dataflow.destroy('s')
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.feed('a', range(35, 61, 5))
+    assert [*rates(flow)] == [55, 57, 59]
+    assert flow.broken() == []
+
+
 @given(
     gaps=st.lists(st.integers(0, 25), min_size=1, max_size=30),
     window=st.sampled_from([10, 20, 50]),

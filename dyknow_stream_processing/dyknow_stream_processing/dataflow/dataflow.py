@@ -169,6 +169,9 @@ class Dataflow:
         stream.detach()
         del self._streams[name]
         self._graph.sweep(stream.operators)
+        # A new subscription receives what is sent from now on.
+        for topic in self._doubts.keys() - self._graph.sources.keys():
+            del self._doubts[topic]
 
     def names(self) -> tuple[str, ...]:
         """Return the streams, in the order of their creation."""
