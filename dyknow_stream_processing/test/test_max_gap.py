@@ -8,9 +8,10 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded_flow import Flow
+from recorded_flow import MILLISECOND, Flow
 
 from dyknow_common import Value
+from dyknow_stream_processing.dataflow.received import Pause
 
 
 def test_a_gap_names_its_bound(flow: Flow) -> None:
@@ -133,3 +134,18 @@ def test_gaps_against_their_definition(
     is_missed = bool(kept) and (end is None or kept[-1] + gap <= end)
     reported = [constraint for constraint, _ in flow.broken()]
     assert reported.count('max_gap') == gaps + (shown and is_missed)
+
+
+def test_a_gap_over_a_pause_of_the_node_says_so(flow: Flow) -> None:
+    """Then operators look for no fault of the sensor."""
+    flow.create('select x from "a" with max_gap = 50 ms, max_delay = 10 ms')
+    flow.feed('a', (0, 20))
+    flow.dataflow.doubt('a', Pause(30 * MILLISECOND, 75 * MILLISECOND, 78 * MILLISECOND))
+    flow.advance(90)
+    flow.feed('a', (100, 120))
+    flow.advance(200)
+    first, second = flow.violations
+    assert first.message.endswith(
+        '; max_gap is 50 ms; the node that reads a did not run for 45 ms until 0.075 s'
+    )
+    assert second.message.endswith('; max_gap is 50 ms')

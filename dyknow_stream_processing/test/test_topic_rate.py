@@ -7,12 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_flow import Flow
 
+from dyknow_stream_processing.dataflow.received import Pause
+
 MS = 1_000_000
 
 
 def rates(flow: Flow) -> dict[float, float]:
     """Return the rates by valid time."""
     return {each.valid_time / 1e6: each.fields['hz'] for each in flow.samples}
+
+
+def pause(flow: Flow, settled: int) -> None:
+    """Let the process of the flow pause before a time."""
+    flow.dataflow.doubt('a', Pause((settled - 10) * MS, (settled - 2) * MS, settled * MS))
 
 
 def test_a_rate_of_a_regular_topic(flow: Flow) -> None:
@@ -42,7 +49,7 @@ def test_no_window_with_lost_messages_has_a_rate(flow: Flow, *, is_noticed_late:
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.create('rate("b", 20 ms)', name='other')
     flow.feed('a', range(0, 45, 5))
-    flow.dataflow.doubt('a', 60 * MS)
+    pause(flow, 60)
     if is_noticed_late:
         flow.advance(75)
     flow.dataflow.lose('a')
@@ -65,7 +72,7 @@ def test_no_window_is_complete_before_the_messages_after_a_pause(flow: Flow) -> 
     flow.create('sync(rate("a", 20 ms) with max_delay = 3 ms, "b" with max_delay = 3 ms)', name='t')
     flow.feed('a', range(0, 45, 5))
     flow.samples.clear()
-    flow.dataflow.doubt('a', 60 * MS)
+    pause(flow, 60)
     flow.feed('b', range(45, 66, 5))
     assert flow.samples == []
     flow.dataflow.trust('a')
@@ -79,7 +86,7 @@ def test_messages_that_no_other_proves_complete_may_be_lost(flow: Flow) -> None:
     flow.ordered_topics.add('a')
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.feed('a', range(0, 45, 5))
-    flow.dataflow.doubt('a', 60 * MS)
+    pause(flow, 60)
     flow.advance(82)
     assert max(rates(flow)) == 40
     flow.advance(90)
@@ -98,7 +105,7 @@ def test_the_loss_of_one_publisher_does_not_end_the_doubt_about_others(flow: Flo
     flow.ordered_topics.add('a')
     flow.create('rate("a", 20 ms) with max_delay = 30 ms')
     flow.feed('a', range(0, 45, 5))
-    flow.dataflow.doubt('a', 100 * MS)
+    pause(flow, 100)
     flow.dataflow.lose('a')
     flow.push('a', 70, x=1)
     flow.feed('a', range(75, 101, 5))
@@ -126,7 +133,7 @@ def test_late_messages_of_a_pause_are_lost_too(flow: Flow) -> None:
     flow.ordered_topics.add('a')
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.feed('a', range(0, 45, 5))
-    flow.dataflow.doubt('a', 60 * MS)
+    pause(flow, 60)
     flow.receive('a', (45, 61), (50, 61))
     flow.dataflow.trust('a')
     flow.feed('a', range(65, 86, 5))
@@ -136,7 +143,7 @@ def test_late_messages_of_a_pause_are_lost_too(flow: Flow) -> None:
 
 def test_a_rate_that_is_made_during_the_doubt_waits_too(flow: Flow) -> None:
     flow.ordered_topics.add('a')
-    flow.dataflow.doubt('a', 60 * MS)
+    pause(flow, 60)
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.feed('a', range(35, 61, 5))
     flow.dataflow.lose('a')
@@ -149,7 +156,7 @@ def test_a_rate_that_is_made_during_the_doubt_waits_too(flow: Flow) -> None:
 def test_the_doubt_about_a_topic_ends_with_its_subscription(flow: Flow) -> None:
     flow.ordered_topics.add('a')
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
-    flow.dataflow.doubt('a', 60 * MS)
+    pause(flow, 60)
     flow.dataflow.destroy('s')
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.feed('a', range(35, 61, 5))

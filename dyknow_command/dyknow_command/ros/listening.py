@@ -91,7 +91,7 @@ class _Listener:
     def on_dropped(self, reason: str, count: int) -> None:
         """Ignore lost messages: the intervals show them."""
 
-    def on_doubt(self, doubt: Any, until: int) -> None:
+    def on_doubt(self, doubt: Any, pause: Any) -> None:
         """Ignore that messages may be lost: the intervals show gaps."""
 
     def on_violation(self, violation: Any) -> None:

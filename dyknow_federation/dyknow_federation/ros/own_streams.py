@@ -90,7 +90,7 @@ class OwnStream:
         """Report samples that were lost between the engine and this node."""
         self.streams.node.reject(self.name, f'{count} samples: {reason}')
 
-    def on_doubt(self, doubt: Any, until: int) -> None:
+    def on_doubt(self, doubt: Any, pause: Any) -> None:
         """Ignore that samples may be lost: the lost ones are told."""
 
     def on_violation(self, violation: Violation) -> None:

@@ -12,7 +12,16 @@ from typing import Final, Self
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, listed, shortened
+from dyknow_common import (
+    NANOSECONDS,
+    ExitCode,
+    StreamConstraints,
+    Value,
+    listed,
+    round_duration,
+    round_time,
+    shortened,
+)
 from dyknow_stream_processing.dataflow.batches import Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.built_in.topic_rate import RateOperator
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
@@ -25,6 +34,7 @@ from dyknow_stream_processing.dataflow.operators import (
     Operator,
     SourceType,
 )
+from dyknow_stream_processing.dataflow.received import Pause
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import Demand, joined_demands, total_demand
@@ -32,7 +42,7 @@ from dyknow_stream_processing.language.resolution import Fields, Resolved, resol
 from dyknow_stream_processing.language.specification import Specification, Term, references
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import Sample
-from dyknow_stream_processing.violation import Fault, Violation
+from dyknow_stream_processing.violation import Fault, Violation, ViolationKind
 
 DEFAULT_MAX_LEAD: Final = 100 * NANOSECONDS['ms']
 """The time by which stamps may be ahead of the clock where a stream gives no `max_lead`."""
@@ -85,7 +95,8 @@ class Dataflow:
         self._source_type = source_type
         self._remark = remark
         self._streams: dict[str, _RunningStream] = {}
-        self._doubts: dict[str, int] = {}
+        self._pauses: dict[str, Pause] = {}
+        self._doubted: set[str] = set()
         self._reset()
 
     @classmethod
@@ -97,7 +108,8 @@ class Dataflow:
         return cls(units, source_type, OTHER_CLOCK_NS, delays=limits)
 
     def _reset(self) -> None:
-        self._doubts.clear()
+        self._pauses.clear()
+        self._doubted.clear()
         self._scheduler = Scheduler()
         self._graph = OperatorGraph(
             self._scheduler,
@@ -138,7 +150,7 @@ class Dataflow:
         names = {label: name for each in others for label, name in each.own_names.items()}
         text, scheduler = str(specification), self._scheduler
         stream = _RunningStream(
-            name, text, resolved, names, scheduler, self._remark, on_sample, on_violation
+            name, text, resolved, names, scheduler, self._remarks, on_sample, on_violation
         )
         try:
             stream.attach(self._graph.connect(resolved.term))
@@ -148,11 +160,23 @@ class Dataflow:
             # If it failed, the operators that were connected before are unused.
             self._graph.sweep()
 
+    def _remarks(self, topics: Iterable[str], fault: Fault) -> str:
+        """Return the end of a violation's message, given the topics of the operator at fault."""
+        text = self._remark(topics)
+        begin = fault.valid_time - fault.allowed
+        for topic in () if fault.constraint == ViolationKind.LOST else topics:
+            pause = self._pauses.get(topic)
+            if pause is not None and begin <= pause.settled:
+                length = round_duration(pause.ended - pause.began)
+                end = round_time(pause.ended)
+                return f'{text}; the node that reads {topic} did not run for {length} until {end}'
+        return text
+
     def _doubt_new(self, stream: _RunningStream) -> None:
         for each in stream.operators:
             if isinstance(each, RateOperator) and each.emitted_at is None:
-                for topic in self._doubts.keys() & {source.label for source in each.sources}:
-                    each.doubt(self._doubts[topic])
+                for topic in self._doubted & {source.label for source in each.sources}:
+                    each.doubt(self._pauses[topic].settled)
 
     def complete_windows(self, name: str) -> None:
         """Give no results of windows that have not passed since their first sample.
@@ -170,8 +194,7 @@ class Dataflow:
         del self._streams[name]
         self._graph.sweep(stream.operators)
         # A new subscription receives what is sent from now on.
-        for topic in self._doubts.keys() - self._graph.sources.keys():
-            del self._doubts[topic]
+        self._doubted &= self._graph.sources.keys()
 
     def names(self) -> tuple[str, ...]:
         """Return the streams, in the order of their creation."""
@@ -331,18 +354,15 @@ class Dataflow:
             for observer in source.observers:
                 observer.count_drops(reason, count)
 
-    def doubt(self, topic: str, until: int) -> None:
+    def doubt(self, topic: str, pause: Pause) -> None:
         """Make no rate of a topic certain by the clock, as this process has paused.
 
         Until `trust`, rates wait for the windows that begin before the end of the pause.
-
-        Args:
-            topic: its name.
-            until: the end of the pause, nanoseconds; messages that were sent before may be lost.
         """
-        self._doubts[topic] = until
+        self._pauses[topic] = pause
+        self._doubted.add(topic)
         for each in self._rates(topic):
-            each.doubt(until)
+            each.doubt(pause.settled)
 
     def lose(self, topic: str) -> None:
         """Let no rate of a doubted topic count messages that are lost before the next one."""
@@ -351,7 +371,7 @@ class Dataflow:
 
     def trust(self, topic: str) -> None:
         """End the doubt about a topic with its next message: all lost ones were told by `lose`."""
-        self._doubts.pop(topic, None)
+        self._doubted.discard(topic)
         for each in self._rates(topic):
             each.trust()
 
@@ -425,7 +445,7 @@ class _RunningStream:
     resolved: Resolved
     names: Mapping[str, str]
     scheduler: Scheduler
-    remark: Callable[[Iterable[str]], str]
+    remarks: Callable[[Iterable[str], Fault], str]
     on_sample: Callable[[Sample], None]
     on_violation: Callable[[Violation], None]
     samples: int = 0
@@ -503,6 +523,7 @@ class _RunningStream:
 
     def report_fault(self, operator: Operator, fault: Fault) -> None:
         name = self.name_of(operator.label)
+        end = self.remarks(_topics_of(operator), fault)
         self.report(
             Violation(
                 stream_name=name,
@@ -511,7 +532,7 @@ class _RunningStream:
                 available_time=self.scheduler.now,
                 observed=fault.observed,
                 allowed=fault.allowed,
-                message=f"stream '{name}': {fault.message}{self.remark(_topics_of(operator))}",
+                message=f"stream '{name}': {fault.message}{end}",
             )
         )
 

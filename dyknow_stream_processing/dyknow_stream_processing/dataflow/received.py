@@ -39,6 +39,19 @@ SPACING: Final = REPAIR_NS // PATIENCE
 """The least time between two looks, as watermarks that have waited come all at once."""
 
 
+class Pause(NamedTuple):
+    """A time in which this process did not run, and its middleware may have lost messages.
+
+    Args:
+        began, ended: its begin and end, in nanoseconds.
+        settled: when the messages were taken that were not lost: others were sent before.
+    """
+
+    began: int
+    ended: int
+    settled: int
+
+
 class ReceivedViolations:
     """The violations of a stream since the begin of its reader, in nanoseconds."""
 

@@ -33,8 +33,9 @@ from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
 from dyknow_common.ros import Heartbeats, PrunedCallbackGroup, is_time_simulated, set_period
+from dyknow_stream_processing.dataflow.received import Pause
 from dyknow_stream_processing.ros.messages.message_types import type_name_of
-from dyknow_stream_processing.ros.topics.process_pauses import PauseWait
+from dyknow_stream_processing.ros.topics.process_pauses import PAUSES, PauseWait
 from dyknow_stream_processing.ros.topics.topic_feed import (
     MessageListener,
     ReceivedMessage,
@@ -214,8 +215,9 @@ class NodeTopics:
         if self._pause.goes_on(now):
             return False
         if (began := self._pause.end()) is not None:
+            pause = Pause(began, min(began + PAUSES.length, now), now)
             for feed in feeds:
-                feed.end_pause(now)
+                feed.end_pause(pause)
             if not self.is_time_simulated:
                 self._taken = deque(_in_time(self._taken, began))
         # A violation was published before the samples that it casts doubt on.

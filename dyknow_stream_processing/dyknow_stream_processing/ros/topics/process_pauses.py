@@ -56,7 +56,8 @@ class ProcessPauses:
         self._lock = threading.Lock()
         self._last = now
         self._began: int | None = None
-        self._length = 0
+        self.length = 0
+        """The length of the last pause, nanoseconds."""
         self._last_began = now
         self._settled_at = now
         self.count = 0
@@ -103,8 +104,8 @@ class ProcessPauses:
         """Return the part of the age of a message that is in a recent pause, nanoseconds."""
         with self._lock:
             self._note(now)
-            is_recent = self._length and now - self._settled_at < _DELIVERY_NS
-            return max(min(age, self._length), 0) if is_recent else 0
+            is_recent = self.length and now - self._settled_at < _DELIVERY_NS
+            return max(min(age, self.length), 0) if is_recent else 0
 
     def waiting_since(self, age: int, now: int) -> int | None:
         """Return the nanoseconds since which a message may have waited; `None` without a pause.
@@ -115,8 +116,8 @@ class ProcessPauses:
         """
         with self._lock:
             self._note(now)
-            began = self._settled_at - SETTLING_NS - self._length
-            is_delayed = self._length and began <= now - age < self._settled_at
+            began = self._settled_at - SETTLING_NS - self.length
+            is_delayed = self.length and began <= now - age < self._settled_at
             return now - began if is_delayed else None
 
     def note_sign_of_life(self, now: int) -> None:
@@ -131,7 +132,7 @@ class ProcessPauses:
             self.count += 1
             self._began = self._last if self._began is None else self._began
             self._last_began = self._began
-            self._length = now - self._began
+            self.length = now - self._began
             self._settled_at = now + SETTLING_NS
             self._last = now
         elif now >= self._settled_at:

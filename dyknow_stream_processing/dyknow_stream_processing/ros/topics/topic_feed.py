@@ -20,7 +20,7 @@ from dyknow_common.ros import (
     RCLError,
     time_to_nanoseconds,
 )
-from dyknow_stream_processing.dataflow.received import ReceivedWatermarks, SampleOrigin
+from dyknow_stream_processing.dataflow.received import Pause, ReceivedWatermarks, SampleOrigin
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import is_sample, message_class
 from dyknow_stream_processing.ros.messages.sample_messages import (
@@ -66,7 +66,7 @@ class Doubt(Enum):
     """Which messages of a topic may be lost because this process has paused."""
 
     BEFORE = 'before'
-    """Any that was sent before a time."""
+    """Any that was sent before the pause settled."""
     NEXT = 'next'
     """Some before the next message are lost."""
     OVER = 'over'
@@ -109,8 +109,8 @@ class TopicFeed:
     subscribed_at: int = 0
     is_known: bool = False
     """True if a message was processed."""
-    doubted_until: int | None = None
-    """The time before which messages were sent that may be lost; None without a doubt."""
+    pause: Pause | None = None
+    """The pause of this process in which messages may be lost; None without a doubt."""
     written: str = ''
     """The name that rclpy makes the absolute one of by its remappings; by default the latter."""
 
@@ -190,24 +190,23 @@ class TopicFeed:
                 raise  # In a node of a user, who sees the errors of the own callbacks.
             guard.reject(error)
 
-    def end_pause(self, now: int) -> None:
+    def end_pause(self, pause: Pause) -> None:
         """Note the end of a pause of this process, in which messages may have been lost."""
         if self.is_known:
             self.gaps.doubt(0 if self.request is None else len(self.request.publishers))
-            self.doubted_until = now
-            self._doubt(Doubt.BEFORE, now)
+            self._doubt(Doubt.BEFORE, pause)
 
-    def _doubt(self, doubt: Doubt, until: int = 0) -> None:
+    def _doubt(self, doubt: Doubt, pause: Pause) -> None:
+        self.pause = None if doubt is Doubt.OVER else pause
         for listener in self.listeners:
-            listener.on_doubt(doubt, until)
+            listener.on_doubt(doubt, pause)
 
     def _process(self, message: ReceivedMessage) -> None:
         self.is_recreated, self.is_known = False, True
-        sent_at, until = message.sent_at or message.receipt_time, self.doubted_until
-        is_proof = until is not None and sent_at > until
-        if self.gaps.note(message.number, is_proof=is_proof):
-            self.doubted_until = None
-            self._doubt(Doubt.OVER)
+        sent_at, pause = message.sent_at or message.receipt_time, self.pause
+        is_proof = pause is not None and sent_at > pause.settled
+        if self.gaps.note(message.number, is_proof=is_proof) and pause is not None:
+            self._doubt(Doubt.OVER, pause)
         # A message that has waited may be of the type that the topic had before.
         if self.relay is not None and type(message.message) is self.subscription.msg_type:
             if not self._admits(message.message):
@@ -344,8 +343,8 @@ class TopicFeed:
         return ReceivedMessage(self, message, number, self.latest_receipt, sent_at, is_initial)
 
     def _on_gap(self, count: int) -> None:
-        if self.doubted_until is not None:
-            self._doubt(Doubt.NEXT)
+        if self.pause is not None:
+            self._doubt(Doubt.NEXT, self.pause)
         if count:
             self._drop(ViolationKind.LOST, count)
         else:
@@ -390,13 +389,8 @@ class MessageListener(Protocol):
     def on_dropped(self, reason: str, count: int) -> None:
         """Receive the number of messages that were lost or dropped before the next one."""
 
-    def on_doubt(self, doubt: Doubt, until: int) -> None:
-        """Receive which messages may be lost because this process has paused.
-
-        Args:
-            doubt: which ones.
-            until: the time of `Doubt.BEFORE`, in nanoseconds.
-        """
+    def on_doubt(self, doubt: Doubt, pause: Pause) -> None:
+        """Receive which messages may be lost because of a pause of this process."""
 
     def on_violation(self, violation: Violation) -> None:
         """Receive a violation of the topic."""

@@ -14,6 +14,7 @@ from dyknow_common import SECOND_NS, Value, round_duration
 from dyknow_common.ros import Throttle, time_to_nanoseconds
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.dataflow.operators import SourceType
+from dyknow_stream_processing.dataflow.received import Pause
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import WHOLE, Demand
 from dyknow_stream_processing.reporting.sender_clock import CLOCK_TOLERANCE_NS, SenderClock
@@ -418,9 +419,9 @@ class _Source:
         self.drops[reason] += count
         self.dataflow.drop(self.topic, reason, count)
 
-    def on_doubt(self, doubt: Doubt, until: int) -> None:
+    def on_doubt(self, doubt: Doubt, pause: Pause) -> None:
         if doubt is Doubt.BEFORE:
-            self.dataflow.doubt(self.topic, until)
+            self.dataflow.doubt(self.topic, pause)
             self.schedule()
         elif doubt is Doubt.NEXT:
             self.dataflow.lose(self.topic)
