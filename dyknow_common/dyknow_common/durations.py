@@ -6,7 +6,7 @@ import argparse
 import os
 import re
 import time  # noqa: TID251 - it sets the zone, and reads no clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from datetime import datetime
 from decimal import Decimal
 from fractions import Fraction
@@ -146,29 +146,43 @@ def format_time(nanoseconds: int) -> str:
     return f'{sign}{seconds}.{decimals[:3]}{decimals[3:].rstrip("0")} s'
 
 
-def round_time(nanoseconds: int) -> str:
-    """Return a point in time in seconds, rounded down to milliseconds: `12.300 s`."""
-    return format_time(nanoseconds // NANOSECONDS['ms'] * NANOSECONDS['ms'])
+def round_time(nanoseconds: int, *unlike: int) -> str:
+    """Return a point in time in seconds, rounded down to milliseconds: `12.300 s`.
+
+    It is rounded less if it would otherwise look like another one of `unlike`.
+    """
+    step = 10 ** (9 - _decimals(nanoseconds, unlike))
+    return format_time(nanoseconds // step * step)
 
 
-def clock_time(nanoseconds: int) -> str:
+def _decimals(nanoseconds: int, unlike: Iterable[int]) -> int:
+    """Return the decimals of seconds, at least 3, by which a time differs from others."""
+    others = [each for each in unlike if each != nanoseconds]
+    for decimals in (3, 6):
+        step = 10 ** (9 - decimals)
+        if all(each // step != nanoseconds // step for each in others):
+            return decimals
+    return 9
+
+
+def clock_time(nanoseconds: int, *unlike: int) -> str:
     """Return a point in time on the wall clock of this machine, down to ms: `14:31:32.521`.
 
-    One that does not count from 1970 is as from `round_time`.
+    One that does not count from 1970 is as from `round_time`, and so are the decimals.
     """
     if nanoseconds < UNIX_TIMES:
-        return round_time(nanoseconds)
+        return round_time(nanoseconds, *unlike)
     seconds, fraction = divmod(nanoseconds, SECOND_NS)
     moment = datetime.fromtimestamp(seconds).astimezone()
-    return f'{moment:%H:%M:%S}.{fraction // NANOSECONDS["ms"]:03d}'
+    return f'{moment:%H:%M:%S}.{f"{fraction:09d}"[: _decimals(nanoseconds, unlike)]}'
 
 
-def date_time(nanoseconds: int) -> str:
+def date_time(nanoseconds: int, *unlike: int) -> str:
     """Return a date and time as `clock_time`, with the zone: `2024-03-18 14:49:09.911 UTC`."""
     if nanoseconds < UNIX_TIMES:
-        return round_time(nanoseconds)
+        return round_time(nanoseconds, *unlike)
     moment = datetime.fromtimestamp(nanoseconds // SECOND_NS).astimezone()
-    return f'{moment:%Y-%m-%d} {clock_time(nanoseconds)} {moment:%Z}'
+    return f'{moment:%Y-%m-%d} {clock_time(nanoseconds, *unlike)} {moment:%Z}'
 
 
 def time_since(nanoseconds: int, start: int) -> str:
@@ -177,14 +191,16 @@ def time_since(nanoseconds: int, start: int) -> str:
     return offset if nanoseconds < UNIX_TIMES else f'{offset}, {clock_time(nanoseconds)}'
 
 
-def near_time(nanoseconds: int, now: int | None) -> str:
+def near_time(nanoseconds: int, now: int | None, *unlike: int) -> str:
     """Return a point in time as `clock_time`, or as `date_time` if it is a day or more from now."""
     is_near = now is None or abs(nanoseconds - now) < DAY_NS
-    return clock_time(nanoseconds) if is_near else date_time(nanoseconds)
+    return clock_time(nanoseconds, *unlike) if is_near else date_time(nanoseconds, *unlike)
 
 
 def with_readable_times(text: str, start: int | None = None, *, now: int | None = None) -> str:
     """Return a text for people with its times as offsets from a start on the same clock.
+
+    Different times look different; one without a fraction of a millisecond may be a rounded one.
 
     Args:
         text: a text, such as an explanation, with times as from `format_time`.
@@ -195,12 +211,15 @@ def with_readable_times(text: str, start: int | None = None, *, now: int | None 
 
     def readable(found: re.Match[str]) -> str:
         nanoseconds = _nanoseconds(found)
+        times = exact if nanoseconds in exact else ()
         if start is None or abs(nanoseconds - start) > MAX_OFFSET_NS:
-            return near_time(nanoseconds, now)
-        return round_time(nanoseconds - start)
+            return near_time(nanoseconds, now, *times)
+        return round_time(nanoseconds - start, *(each - start for each in times))
 
     if start is not None and start < UNIX_TIMES:
         text = _MOMENT.sub(lambda moment: _with_offsets(moment[0], start), text)
+    found = map(_nanoseconds, _UNIX_TIME.finditer(text))
+    exact = {each for each in found if each % NANOSECONDS['ms']}
     return _UNIX_TIME.sub(readable, text)
 
 

@@ -139,8 +139,12 @@ class ViolationEpisode:
     @property
     def past_text(self) -> str:
         """The times of an episode that has ended, and its reason, for people."""
-        begin, end = round_time(self.begin), round_time(self.end)
-        return f'it was violated from {begin} to {end}: {self.text}'
+        return f'it was violated from {self.span}: {self.text}'
+
+    @property
+    def span(self) -> str:
+        """The times of an episode that has ended, for people."""
+        return f'{round_time(self.begin, self.end)} to {round_time(self.end, self.begin)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,8 +219,8 @@ class StandingVerdicts:
         others = f' ({more} episodes since the last report)' if more > 1 else ''
         if self.is_violated:
             return f'violated from {round_time(latest.begin)} on{others}: {latest.text}'
-        since = f'{round_time(latest.begin)} to {round_time(latest.end)}'
-        return f'holds again, after it was false from {since}{others}: {latest.text}'
+        since = f'{latest.span}{others}: {latest.text}'
+        return f'holds again, after it was false from {since}'
 
     def changes(self, before: StandingVerdicts) -> Iterator[tuple[ViolationEpisode, bool]]:
         """Yield the episodes that have begun or ended since earlier verdicts, in their order.

@@ -49,6 +49,8 @@ def test_times_for_people() -> None:
     assert clock_time(START) == '14:49:09.911'
     assert date_time(START) == '2024-03-18 14:49:09.911 UTC'
     assert time_since(START + 13_662_999_999, START) == '13.662 s, 14:49:23.574'
+    assert clock_time(START + 1_000, START + 1_999_999) == '14:49:09.911'
+    assert clock_time(START + 1_000, START) == '14:49:09.911592'
     # Those of a simulation, or of a trace, are no times of a clock.
     assert clock_time(12_300_000_000) == date_time(12_300_000_000) == '12.300 s'
     assert time_since(12_300_000_000, 2_000_000_000) == '10.300 s'
@@ -63,6 +65,21 @@ def test_times_for_people() -> None:
         ('since 1710773348.911 s', START, 'since -1.001 s'),
         ('at 1710773349.911591 s', None, 'at 14:49:09.911'),
         ('at 1710773349.911591 s', 12 * SECOND_NS, 'at 14:49:09.911'),  # Simulated time.
+        (
+            'at 1710773349.911591 s after 1710773349.911110474 s and 1710773350.911 s',
+            None,
+            'at 14:49:09.911591 after 14:49:09.911110 and 14:49:10.911',
+        ),
+        (
+            'at 1710773349.911591 s after 1710773349.911591001 s',
+            START,
+            'at 0.000 s after 0.000000001 s',
+        ),
+        (  # The first one is the second one, rounded.
+            'from 1710773349.911 s on: x = 1 at 1710773349.911591 s',
+            None,
+            'from 14:49:09.911 on: x = 1 at 14:49:09.911',
+        ),
         ('at 12.300 s, x1710773349.911 s, 1710773349.911 sheep', 0, None),
         ('x = 1 at 3.456 s, since 1.5001 s', 2 * SECOND_NS, 'x = 1 at 1.456 s, since -0.4999 s'),
         (

@@ -73,7 +73,8 @@ class Gap:
     before: int
 
     def __str__(self) -> str:
-        return f'between {round_time(self.after)} and {round_time(self.before)}'
+        after, before = self.after, self.before
+        return f'between {round_time(after, before)} and {round_time(before, after)}'
 
     @property
     def is_empty(self) -> bool:

@@ -517,17 +517,19 @@ def too_late(valid_time: int, delay: int, allowed: int, after: str) -> Fault:
 
 def _late(valid_time: int, delay: int, max_delay: int, released: int) -> Fault:
     """Return the fault of a late sample, given the valid time of the last one passed on."""
-    after = f', after the one valid at {round_time(released)}' if valid_time < released else ''
+    time = round_time(valid_time, released)
+    last = round_time(released, valid_time)
+    after = f', after the one valid at {last}' if valid_time < released else ''
     if delay > OTHER_CLOCK_NS:
         message = (
-            f'the sample valid at {round_time(valid_time)} is stamped {round_duration(delay)} '
+            f'the sample valid at {time} is stamped {round_duration(delay)} '
             f'before its receipt, as by another clock; max_delay is {format_duration(max_delay)}: '
             'set the clock of its sender, replay a recording with its clock, or record a '
             'simulation with: ros2 bag record --use-sim-time'
         )
         return Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, max_delay)
     message = (
-        f'the sample valid at {round_time(valid_time)} came {round_duration(delay, max_delay)} '
+        f'the sample valid at {time} came {round_duration(delay, max_delay)} '
         f'late{after}; max_delay is {format_duration(max_delay)}: state a larger one if its way '
         'takes so long, or set the clock of its sender'
     )

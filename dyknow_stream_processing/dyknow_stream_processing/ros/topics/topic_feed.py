@@ -62,7 +62,7 @@ class TopicsOfNode(Protocol):
         """Process all messages that wait; return False if some are processed later."""
 
 
-class Doubt(Enum):
+class MessageDoubt(Enum):
     """Which messages of a topic may be lost because this process has paused."""
 
     BEFORE = 'before'
@@ -194,10 +194,10 @@ class TopicFeed:
         """Note the end of a pause of this process, in which messages may have been lost."""
         if self.is_known:
             self.gaps.doubt(0 if self.request is None else len(self.request.publishers))
-            self._doubt(Doubt.BEFORE, pause)
+            self._doubt(MessageDoubt.BEFORE, pause)
 
-    def _doubt(self, doubt: Doubt, pause: Pause) -> None:
-        self.pause = None if doubt is Doubt.OVER else pause
+    def _doubt(self, doubt: MessageDoubt, pause: Pause) -> None:
+        self.pause = None if doubt is MessageDoubt.OVER else pause
         for listener in self.listeners:
             listener.on_doubt(doubt, pause)
 
@@ -206,7 +206,7 @@ class TopicFeed:
         sent_at, pause = message.sent_at or message.receipt_time, self.pause
         is_proof = pause is not None and sent_at > pause.settled
         if self.gaps.note(message.number, is_proof=is_proof) and pause is not None:
-            self._doubt(Doubt.OVER, pause)
+            self._doubt(MessageDoubt.OVER, pause)
         # A message that has waited may be of the type that the topic had before.
         if self.relay is not None and type(message.message) is self.subscription.msg_type:
             if not self._admits(message.message):
@@ -344,7 +344,7 @@ class TopicFeed:
 
     def _on_gap(self, count: int) -> None:
         if self.pause is not None:
-            self._doubt(Doubt.NEXT, self.pause)
+            self._doubt(MessageDoubt.NEXT, self.pause)
         if count:
             self._drop(ViolationKind.LOST, count)
         else:
@@ -389,7 +389,7 @@ class MessageListener(Protocol):
     def on_dropped(self, reason: str, count: int) -> None:
         """Receive the number of messages that were lost or dropped before the next one."""
 
-    def on_doubt(self, doubt: Doubt, pause: Pause) -> None:
+    def on_doubt(self, doubt: MessageDoubt, pause: Pause) -> None:
         """Receive which messages may be lost because of a pause of this process."""
 
     def on_violation(self, violation: Violation) -> None:

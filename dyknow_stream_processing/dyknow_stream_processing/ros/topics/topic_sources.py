@@ -33,7 +33,7 @@ from dyknow_stream_processing.ros.topics.publications import (
     is_kept,
     type_of_class,
 )
-from dyknow_stream_processing.ros.topics.topic_feed import Doubt
+from dyknow_stream_processing.ros.topics.topic_feed import MessageDoubt
 from dyknow_stream_processing.sample import Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -419,11 +419,11 @@ class _Source:
         self.drops[reason] += count
         self.dataflow.drop(self.topic, reason, count)
 
-    def on_doubt(self, doubt: Doubt, pause: Pause) -> None:
-        if doubt is Doubt.BEFORE:
+    def on_doubt(self, doubt: MessageDoubt, pause: Pause) -> None:
+        if doubt is MessageDoubt.BEFORE:
             self.dataflow.doubt(self.topic, pause)
             self.schedule()
-        elif doubt is Doubt.NEXT:
+        elif doubt is MessageDoubt.NEXT:
             self.dataflow.lose(self.topic)
         else:
             self.dataflow.trust(self.topic)
