@@ -65,10 +65,11 @@ from dyknow_reasoning.language.terms import (
     Uncertain,
     Variable,
 )
-from dyknow_reasoning.language.type_checking import Kind, check_types
-from dyknow_reasoning.language.uncertain_features import (
+from dyknow_reasoning.language.type_checking import (
+    Kind,
     asks_for_probability,
     best_estimate,
+    check_types,
     is_uncertain,
 )
 from dyknow_reasoning.language.writing import as_written

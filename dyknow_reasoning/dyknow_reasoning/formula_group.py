@@ -39,8 +39,7 @@ from dyknow_reasoning.language.formula import Formula, contains
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.symbols import symbols_of
-from dyknow_reasoning.language.type_checking import check_types
-from dyknow_reasoning.language.uncertain_features import check_asked_once
+from dyknow_reasoning.language.type_checking import check_asked_once, check_types
 from dyknow_reasoning.margins.group_margins import GroupMargins
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import (

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from dyknow_common import Margin, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Formula
-from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.language.uncertain_features import check_asked_once
+from dyknow_reasoning.language.type_checking import Kinds, check_asked_once
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Named constants: `let limit = 150 W in always Power[u] < limit`.
+"""Names that `let` defines: `let limit = 150 W in always Power[u] < limit`.
 
 A constant is replaced by its value before names are resolved. Its name is nothing else in the same
 formula, so it hides no feature.
@@ -6,6 +6,11 @@ formula, so it hides no feature.
 The value may also be a term, `let before = Speed in eventually[0 s, 3 s] Speed < before - 1`. It is
 kept from the state at which the formula is reached (`Freeze`), as in temporal logics with freeze
 quantifiers (R. Alur and T. A. Henzinger, "A really temporal logic", 1994).
+
+In `let Height ~ normal(Height, sqrt(Variance), 2 s) in P(always Height[u] > 3) > 0.9`, a name after
+`~` stands for the feature of the same objects, so the formula is
+`P(always normal(Height[u], sqrt(Variance[u]), 2 s) > 3) > 0.9`. Outside of `P(...)`, Height is its
+best estimate.
 """
 
 from __future__ import annotations
@@ -28,17 +33,20 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Covariance,
     Feature,
     FieldReference,
     Kept,
     Number,
     Object,
     PastTerm,
+    Probability,
     Quantity,
     Term,
     TextLiteral,
     Truth,
     Uncertain,
+    Variable,
     holds_terms,
 )
 
@@ -241,3 +249,47 @@ def _check_uses(formula: Formula | Term, constants: Mapping[str, TextPosition]) 
 
 def _place(position: TextPosition) -> str:
     return 'in the configuration' if position == NOWHERE else f'at {position}'
+
+
+def with_uncertain_features(formula: Formula, stated: Mapping[str, Uncertain]) -> Formula:
+    """Return a formula in which probabilities are of uncertain numbers."""
+    changed: Formula = _changed(formula, stated, is_within=False) if stated else formula
+    return changed
+
+
+def _changed(node: Any, stated: Mapping[str, Uncertain], *, is_within: bool) -> Any:
+    """Return a part, which may be within a probability."""
+    match node:
+        case Uncertain():
+            return node
+        case Probability():
+            is_within, stated = True, _among(node, stated)
+        case _ if is_within and holds_terms(node):
+            return with_changed_parts(node, lambda part: _operand(part, stated))
+    return with_changed_parts(node, lambda part: _changed(part, stated, is_within=is_within))
+
+
+def _among(probability: Probability, stated: Mapping[str, Uncertain]) -> Mapping[str, Uncertain]:
+    """Return what is known of the features in a probability, without covariances with others."""
+    used = {each.name for each in walk(probability) if isinstance(each, Feature)}
+
+    def is_used(covariance: Covariance) -> bool:
+        return not isinstance(covariance.left, Feature) or covariance.left.name in used
+
+    return {
+        name: replace(each, covariances=tuple(filter(is_used, each.covariances)))
+        for name, each in stated.items()
+    }
+
+
+def _operand(node: Any, stated: Mapping[str, Uncertain]) -> Any:
+    if isinstance(node, Feature) and node.name in stated:
+        found = _of_objects(stated[node.name], node.arguments)
+        return replace(found, position=node.position)
+    return _changed(node, stated, is_within=True)
+
+
+def _of_objects(node: Any, arguments: tuple[Object | Variable, ...]) -> Any:
+    if isinstance(node, Feature) and not node.arguments:
+        return replace(node, arguments=arguments)
+    return with_changed_parts(node, lambda part: _of_objects(part, arguments))

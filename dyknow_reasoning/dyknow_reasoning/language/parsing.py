@@ -35,6 +35,7 @@ from dyknow_reasoning.language.constants import (
     Units,
     constants_of,
     literal_of,
+    with_uncertain_features,
     without_lets,
 )
 from dyknow_reasoning.language.formula import Formula
@@ -61,10 +62,7 @@ from dyknow_reasoning.language.spatial import (
 )
 from dyknow_reasoning.language.symbols import resolve, with_links
 from dyknow_reasoning.language.terms import Term
-from dyknow_reasoning.language.uncertain_features import (
-    check_limits,
-    with_uncertain_features,
-)
+from dyknow_reasoning.language.type_checking import check_limits
 
 _MAX_KEPT: Final = 1000
 """The length of a text whose abstract syntax is kept: one formula is often asked for again."""

@@ -1,4 +1,4 @@
-"""Inference of the kind of value of each feature in a formula, from its uses.
+"""Checks of formulas, and inference of the kind of value of each feature, from its uses.
 
 Features are not declared: a feature that is compared with a number is a number, and a feature that
 stands alone is a boolean. A kind that the formula leaves open follows from the values in states:
@@ -16,13 +16,16 @@ from itertools import chain
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import (
+    MIRRORED_COMPARISONS,
     TEXT_COMPARISONS,
     TEXTUAL,
     ComputedField,
     PositionedError,
     TextPosition,
     parse_field,
+    shortened,
 )
+from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language import terms
 from dyknow_reasoning.language.formula import (
@@ -297,6 +300,8 @@ def _check_before(node: terms.ValueBefore | terms.Kept) -> None:
         raise PositionedError(f'{message}; {correction}', node.position)
 
 
+_PERCENT: Final = 100
+
 _WITHOUT_PROBABILITY: Final = syntax.PastFormula | terms.PastTerm | Over | Spatial
 
 
@@ -340,6 +345,65 @@ def _check_probabilities(
 
 def _holds_probability(node: Formula | Term) -> bool:
     return any(isinstance(each, terms.Probability) for each in parts(node))
+
+
+def check_asked_once(formula: Formula) -> None:
+    """Check that a formula may be asked from several states on.
+
+    Raises:
+        ReasoningError: for a probability that depends on the states after the first one.
+    """
+    for each in walk(formula):
+        if isinstance(each, terms.Probability) and syntax.looks_forward(each.body):
+            raise ReasoningError(
+                f"'{shortened(each)}' looks into the future, so it is asked of the first state "
+                'alone; ask the formula once, or for the probability at each state'
+            )
+
+
+def check_limits(formula: Formula) -> None:
+    """Check that probabilities are compared with numbers that they may be more and less than.
+
+    `P(...) >= 0` is allowed, as it asks for the probability.
+
+    Raises:
+        PositionedError: for another number.
+    """
+    for each in walk(formula):
+        match each:
+            case syntax.Comparison(
+                operator, terms.Probability(), terms.Number(value) | terms.Quantity(value) as limit
+            ):
+                pass
+            case syntax.Comparison(
+                operator, terms.Number(value) | terms.Quantity(value) as limit, terms.Probability()
+            ):
+                operator = MIRRORED_COMPARISONS.get(operator, operator)
+            case _:
+                continue
+        is_decided = (operator, value) in {('<', 0), ('>', 1), ('<=', 1)}
+        if is_decided or isinstance(limit, terms.Quantity) or not 0 <= value <= 1:
+            fault = 'has a unit' if isinstance(limit, terms.Quantity) else 'always or never holds'
+            mend = f', {value / _PERCENT:g}' if 1 < value <= _PERCENT else ''
+            message = f"'{operator} {limit}' of a probability {fault}; write a number from 0 to 1"
+            raise PositionedError(f'{message}{mend}', limit.position)
+
+
+def asks_for_probability(formula: Formula) -> bool:
+    """Return True if a formula has a `P(...)`."""
+    return syntax.contains(formula, terms.Probability)
+
+
+def is_uncertain(formula: Formula) -> bool:
+    """Return True if a formula has a number that is not known exactly."""
+    return syntax.contains(formula, terms.Uncertain)
+
+
+def best_estimate(node: Any) -> Any:
+    """Return a formula or a term in which uncertain numbers are their best estimates."""
+    if isinstance(node, terms.Uncertain):
+        return node.mean
+    return syntax.with_changed_parts(node, best_estimate)
 
 
 def _counted(feature: terms.Feature) -> str:

@@ -39,8 +39,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.symbols import Binding, with_objects
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth, Variable
-from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.language.uncertain_features import asks_for_probability
+from dyknow_reasoning.language.type_checking import Kinds, asks_for_probability
 from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.margins.comparisons import (
     AtomMargins,
