@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,6 +45,7 @@ from dyknow_recordings.reading.recording import (
     messages_text,
     unchecked_delay,
 )
+from dyknow_stream_processing import nearest_absence
 
 MAX_MEASURED: Final = 20_000_000
 """The number of messages of a topic that are measured: 16 bytes each."""
@@ -70,6 +72,10 @@ _STEADY_SHARE: Final = 10
 """... and if 95 % of their offsets are within this part of the period around the median."""
 
 
+_MAX_ABSENCES: Final = 16
+"""The messages of a part for which it is compared why they lack a field."""
+
+
 @dataclass(slots=True)
 class _RecordedTimes:
     """Times and values of a recorded topic, which grow with its parts until there are enough."""
@@ -92,7 +98,9 @@ class _RecordedTimes:
         for path, values in part.values.items():
             absent = part.absent.get(path, {})
             if absent:
-                self.reasons[path] = next(iter(absent.values()))
+                former = {self.reasons[path]: None} if path in self.reasons else {}
+                reasons = {**former, **dict.fromkeys(islice(absent.values(), _MAX_ABSENCES))}
+                self.reasons[path] = nearest_absence(reasons)
             if len(absent) < len(values):
                 present = np.delete(values, list(absent)) if absent else values
                 self.values.setdefault(path, SeenValues()).add_array(present)

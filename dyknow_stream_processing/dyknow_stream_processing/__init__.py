@@ -63,7 +63,13 @@ from dyknow_stream_processing.reporting.silence import (
     nearest_topics,
 )
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
-from dyknow_stream_processing.sample import VALUE_PARSERS, PartialFields, Sample, WholeMessage
+from dyknow_stream_processing.sample import (
+    VALUE_PARSERS,
+    PartialFields,
+    Sample,
+    WholeMessage,
+    nearest_absence,
+)
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
@@ -127,6 +133,7 @@ __all__ = [
     'joined_reasons',
     'load_units',
     'made',
+    'nearest_absence',
     'nearest_topics',
     'never',
     'parse_specification',

@@ -44,7 +44,7 @@ from dyknow_stream_processing.aggregates import (
     plain,
     text,
 )
-from dyknow_stream_processing.sample import PartialFields, Rows
+from dyknow_stream_processing.sample import ELEMENTS_OF_MESSAGE, PartialFields, Rows
 
 MAX_ELEMENTS = 10_000
 """The number of samples that are made of one message."""
@@ -207,7 +207,7 @@ def _keyed(name: str, key: ElementKey, place: str, are_members: bool) -> Reader:
         keys = keys if are_members else [plain(each) for each in key_of(message)]
         if key.value not in keys:
             known = listed(list(dict.fromkeys(map(str, keys)))) or 'none'
-            raise NoElementError(f'no element of {place} with {key}; it has: {known}')
+            raise NoElementError(f'no element of {place} with {key}{ELEMENTS_OF_MESSAGE}{known}')
         index = keys.index(key.value)
         if index >= len(elements):
             raise _missing(place, elements, index)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -37,6 +38,10 @@ VALUE_PARSERS: Final[Mapping[str, Callable[[str], Value]]] = {
 They raise a KeyError or a ValueError if it has none."""
 
 
+ELEMENTS_OF_MESSAGE: Final = '; it has: '
+"""What precedes the elements of a message in the reason that it lacks one."""
+
+
 class AbsentElement(str):
     """The reason that a message has no element with a key.
 
@@ -44,6 +49,27 @@ class AbsentElement(str):
     """
 
     __slots__ = ()
+
+
+def nearest_absence(reasons: Iterable[str]) -> str:
+    """Return the reason of the message that has the element most like the missing one.
+
+    Other messages of a shared topic, such as those of DyKnow on `/diagnostics`, help nobody.
+
+    Args:
+        reasons: why messages lack an element: the missing one, and those that they have.
+    """
+
+    def similarity(reason: str) -> float:
+        missing, _, known = reason.partition(ELEMENTS_OF_MESSAGE)
+        matcher = SequenceMatcher(None, '', missing.rpartition(' = ')[2].strip('"'))
+        found = []
+        for each in known.split(', '):
+            matcher.set_seq1(each)
+            found.append(matcher.ratio())
+        return max(found)
+
+    return max(reasons, key=similarity)
 
 
 class PartialFields(dict[str, Value]):

@@ -51,6 +51,9 @@ class Flow:
     def drops(self) -> Mapping[str, int]:
         return self._flow.statistics('made').drops
 
+    def waits_for(self) -> tuple[str, ...]:
+        return self._flow.waits_for('made', 0, lambda _: '')
+
 
 def message(fields: tuple[str, ...], *elements: dict[str, Any]) -> PartialFields:
     """Return a message with some fields of its elements."""
@@ -160,3 +163,22 @@ def test_an_array_of_an_absent_element_is_no_violation() -> None:
     flow.push(1, PartialFields({}, {name: AbsentElement('no element of t with name = "a"')}))
     assert not flow.violations
     assert flow.drops() == {'absent': 1}
+
+
+def test_the_elements_most_like_a_missing_one_are_listed() -> None:
+    """Other nodes publish on a shared topic, too, such as those of DyKnow on /diagnostics."""
+    flow = Flow('select s[name = "uav1: gps"].z as z from "/d"')
+    path, lacks = 's[name = "uav1: gps"].z', 'no element of s with name = "uav1: gps"; it has: '
+    for time, known in enumerate(['uav2: gps, uav2: imu', '/coordinator: node, a: b', 'none'], 1):
+        flow.push(time, PartialFields({}, {path: AbsentElement(f'{lacks}{known}')}))
+    (reason,) = flow.waits_for()
+    assert reason.endswith('it has: uav2: gps, uav2: imu')
+
+
+def test_few_reasons_for_missing_elements_are_kept() -> None:
+    flow = Flow('select s[name = "a"].z as z from "/d"')
+    for time in range(1, 40):
+        lacks = AbsentElement(f'no element of s with name = "a"; it has: {time}')
+        flow.push(time, PartialFields({}, {'s[name = "a"].z': lacks}))
+    (reason,) = flow.waits_for()
+    assert reason.endswith('it has: 24')

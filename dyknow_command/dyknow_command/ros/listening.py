@@ -18,7 +18,7 @@ from dyknow_configuration import (
     SeenValues,
     TopicTimes,
 )
-from dyknow_stream_processing import PartialFields
+from dyknow_stream_processing import PartialFields, nearest_absence
 from dyknow_stream_processing.ros import (
     NodeTopics,
     extractor,
@@ -80,7 +80,9 @@ class _Listener:
         for path, value in found.items():
             self._values.setdefault(path, SeenValues()).add([value])
         if isinstance(found, PartialFields):
-            self._absent.update(found.reasons)
+            for path, reason in found.reasons.items():
+                former = self._absent.get(path, reason)
+                self._absent[path] = nearest_absence({former: None, reason: None})
 
     def on_publishers(self, count: int, *, is_latched: bool) -> None:
         """Ignore the number of publishers: it is asked for at the end."""

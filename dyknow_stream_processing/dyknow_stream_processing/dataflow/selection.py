@@ -23,7 +23,12 @@ from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
 from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
-from dyknow_stream_processing.sample import AbsentElement, PartialFields, missing_text
+from dyknow_stream_processing.sample import (
+    AbsentElement,
+    PartialFields,
+    missing_text,
+    nearest_absence,
+)
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 _MAX_VALUE: Final = 80
@@ -34,6 +39,9 @@ _EXACT: Final = 1 << 53
 
 ABSENT: Final = 'absent'
 """The reason of the drop of a message without the element that a key names."""
+
+_MAX_ABSENCES: Final = 16
+"""The different reasons for such drops that are kept: several publishers share a topic."""
 
 
 class SelectOperator(Operator):
@@ -54,8 +62,8 @@ class SelectOperator(Operator):
         self._conditions = tuple(conditions)
         self._rejected: tuple[str, Value] | None = None
         """The latest value for which a sample was not selected, and its field."""
-        self._absent = ''
-        """The element that the latest incomplete message lacks."""
+        self._absent: dict[str, None] = {}
+        """Why the latest incomplete messages lack an element, without repetitions."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -70,7 +78,7 @@ class SelectOperator(Operator):
             selected = self._select(fields)
         except KeyError as error:
             if isinstance(error.args[-1], AbsentElement):
-                self._absent = str(error.args[-1])
+                self._note_absence(str(error.args[-1]))
                 self._drop(ABSENT)
                 self.promise(port, watermark, now)
                 return
@@ -84,6 +92,11 @@ class SelectOperator(Operator):
             return
         self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
         self.promise(port, watermark, now)
+
+    def _note_absence(self, reason: str) -> None:
+        self._absent[reason] = None
+        if len(self._absent) > _MAX_ABSENCES:
+            del self._absent[next(iter(self._absent))]
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
         """Promise the same, except for a time at which nothing has been selected.
@@ -114,7 +127,8 @@ class SelectOperator(Operator):
     def obstacle(self, name: Callable[[Operator], str]) -> str:
         """Return the conditions, if samples fail them, and how the last one did."""
         if self._absent:
-            return f'no sample of {name(self.inputs[0])} has what is selected: {self._absent}'
+            reason = nearest_absence(self._absent)
+            return f'no sample of {name(self.inputs[0])} has what is selected: {reason}'
         if self._rejected is None:
             return super().obstacle(name)
         source, (field, value) = name(self.inputs[0]), self._rejected
