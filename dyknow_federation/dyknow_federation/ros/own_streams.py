@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from dyknow_interfaces.msg import Sample as SampleMessage
-from dyknow_interfaces.msg import StreamSpec, StreamStatusArray
+from dyknow_interfaces.msg import StreamSpec, StreamStatus, StreamStatusArray
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, Alternatives, DyKnowError, ExitCode
@@ -24,6 +24,9 @@ NAME: Final = '_federation_'
 
 GONE_NS: Final = 2 * SECOND_NS
 """Time after which a stream is made anew that the stream manager does not report."""
+
+RETRY_NS: Final = SECOND_NS
+"""Time after which streams are tried again that cannot be made."""
 
 
 @dataclass(eq=False, slots=True)
@@ -140,6 +143,7 @@ class OwnStreams:
         self._made: dict[str, _Made] = {}
         self._missing_since: dict[str, int] = {}
         """When the stream manager was first found not to report streams that are made."""
+        self._next_try = 0
         self._is_working = False
 
     @property
@@ -164,9 +168,14 @@ class OwnStreams:
         self._failed &= asked
         due = {name: self.offers[name] for name in asked & self.offers.keys()}
         self._forget_gone()
-        if not self._is_working and due != {name: each.offer for name, each in self._made.items()}:
+        if self._is_working or self._wall_time() < self._next_try:
+            return
+        if due != {name: each.offer for name, each in self._made.items()}:
             self._is_working = True
             self.node.spawn(self._reconcile, due)
+
+    def _wall_time(self) -> int:
+        return int(self.node.wall_clock.now().nanoseconds)
 
     def _note_report(self, report: StreamStatusArray) -> None:
         self._report = report
@@ -181,7 +190,7 @@ class OwnStreams:
         """
         is_known = self._manager.alive and bool(self._report.engines)
         missing = self._made.keys() - self.made if is_known and not self._is_working else ()
-        now = self.node.wall_clock.now().nanoseconds
+        now = self._wall_time()
         self._missing_since = {name: self._missing_since.get(name, now) for name in missing}
         for name, since in list(self._missing_since.items()):
             if now - since >= GONE_NS:
@@ -211,6 +220,7 @@ class OwnStreams:
         finally:
             self._is_working = False
         self.faults = tuple(faults)
+        self._next_try = self._wall_time() + RETRY_NS if faults else 0
 
     def violate(self, name: str, kind: str, reason: str, time: int | None = None) -> None:
         """Tell who asks for a stream why samples are missing or wrong, from a time or now on."""
@@ -223,14 +233,20 @@ class OwnStreams:
         spec = StreamSpec(name=NAME + name, specification=offer.specification)
         try:
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
+            topic = created.stream_topic
         except DyKnowError as error:
             if error.code is not ExitCode.ALREADY_EXISTS:
                 raise
-            # An earlier run of this node has left this stream, with another specification.
+            # An earlier run of this node has left it. Its formulas may still be evaluated.
+            known = (each for each in self._report.streams if each.name == spec.name)
+            left = next(known, StreamStatus())
+            topic = left.topic if left.specification == spec.specification else ''
+        if not topic:
             await self._manager.call(StreamDestroy, stream_name=spec.name)
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
+            topic = created.stream_topic
         listener = OwnStream(self, name)
-        remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
+        remove = self._topics.listen(topic, listener, STREAM, SampleMessage)
         self._topics.refresh()
         self._made[name] = _Made(offer, listener, remove)
 

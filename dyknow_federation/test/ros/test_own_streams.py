@@ -11,10 +11,10 @@ from unittest.mock import AsyncMock, MagicMock
 import pytest
 from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_federation.messages import StreamFault
 from dyknow_federation.ros import own_streams
-from dyknow_federation.ros.own_streams import GONE_NS, NAME, OwnStreams
+from dyknow_federation.ros.own_streams import GONE_NS, NAME, RETRY_NS, OwnStreams
 
 
 class Host:
@@ -40,10 +40,13 @@ class Host:
         statuses = [StreamStatus(name=each) for each in streams]
         self.report(StreamStatusArray(engines=engines, streams=statuses))
         for _ in range(0, time, SECOND_NS // 2):
-            self.streams.reconcile()
-            while self.spawned:
-                asyncio.run(self.spawned.pop())
+            self.reconcile()
             self.now += SECOND_NS // 2
+
+    def reconcile(self) -> None:
+        self.streams.reconcile()
+        while self.spawned:
+            asyncio.run(self.spawned.pop())
 
     @property
     def creations(self) -> int:
@@ -86,3 +89,34 @@ def test_what_a_manager_does_not_know_yet_is_not_gone(monkeypatch: pytest.Monkey
     assert host.creations == 1
     assert host.streams.made == {'Level'}
     host.peer.violate.assert_not_called()
+
+
+@pytest.mark.parametrize(('left', 'calls'), [('select', 1), ('another', 3), ('', 3)])
+def test_a_stream_that_an_earlier_run_has_left(
+    monkeypatch: pytest.MonkeyPatch, left: str, calls: int
+) -> None:
+    """A formula of that run may be made from it, for as long as its end is not noticed."""
+    host = Host(monkeypatch)
+    taken = DyKnowError('there is a stream already', ExitCode.ALREADY_EXISTS)
+    created = SimpleNamespace(stream_topic='/new')
+    host.manager.call.side_effect = [taken, None, created]
+    status = StreamStatus(name=NAME + 'Level', specification=left, topic='/left')
+    host.report(StreamStatusArray(engines=['/engine'], streams=[status]))
+    host.reconcile()
+    assert host.creations == calls
+    assert host.topics.listen.call_args.args[0] == ('/left' if calls == 1 else '/new')
+    assert host.streams.made == {'Level'}
+
+
+def test_what_cannot_be_made_is_tried_again_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    host = Host(monkeypatch)
+    host.manager.call.side_effect = DyKnowError('it is refused')
+    for _ in range(3):
+        host.reconcile()
+    assert host.creations == 1
+    assert host.streams.faults == ("stream 'Level' cannot be shared: it is refused",)
+    host.manager.call.side_effect = None
+    host.now += RETRY_NS
+    host.reconcile()
+    assert host.creations == 2
+    assert not host.streams.faults
