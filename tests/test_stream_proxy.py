@@ -415,11 +415,14 @@ def test_topics_are_known_until_the_begin_of_a_pause(client: Client) -> None:
 
 
 def test_messages_that_a_pause_has_lost_are_not_missing_from_a_rate(client: Client) -> None:
-    """The messages of another topic are processed before the loss can be known."""
+    """They are missing from no other stream either, without its violation."""
     few, text = QoSProfile(depth=5), 'rate("/a", 500 ms) with max_delay = 100 ms'
-    publishers = [client.node.create_publisher(Float64, each, RELIABLE) for each in ('/a', '/b')]
+    topics = ('/a', '/b', '/c')
+    publishers = [client.node.create_publisher(Float64, each, RELIABLE) for each in topics]
     recording = Recording(client, text, quality_of_service=few)
-    other = Recording(client, '/b')
+    other = Recording(client, '/b', quality_of_service=few)
+    # Its messages are processed before the loss can be known.
+    complete = Recording(client, '/c')
     for publisher in publishers:
         wait_for_match(client, publisher)
 
@@ -430,17 +433,30 @@ def test_messages_that_a_pause_has_lost_are_not_missing_from_a_rate(client: Clie
 
     count = 5
     client.spin_until(publish, 'a rate', pause=0.02)
-    begun = time.monotonic_ns()
+    begun, begun_at = time.monotonic_ns(), time.time_ns()
     for _ in range(75):
         publish()
         time.sleep(0.02)
-    assert other.violations == []
     PAUSES.note_sign_of_life(begun)
     count = len(recording.samples) + 15
     client.spin_until(publish, 'rates after the pause', pause=0.02)
     assert 0 not in recording.values('hz')
     assert 'lost' in recording.broken()
     assert 'were lost, as their reader was stopped' in str(recording.violations)
+    assert complete.violations == []
+    (lost,) = other.violations
+    assert lost.constraint == 'lost'
+    assert 'were lost, as the node that reads them did not run for 1.' in lost.message
+    before, after = [
+        [
+            each.available_time
+            for each in other.samples
+            if (each.valid_time < lost.valid_time) is early
+        ]
+        for early in (True, False)
+    ]
+    assert max(before) < lost.available_time
+    assert min(after) > begun_at + SECOND
 
 
 def test_the_field_of_the_valid_time_can_be_named(client: Client) -> None:

@@ -364,10 +364,23 @@ class Dataflow:
         for each in self._rates(topic):
             each.doubt(pause.settled)
 
-    def lose(self, topic: str) -> None:
-        """Let no rate of a doubted topic count messages that are lost before the next one."""
-        for each in self._rates(topic):
+    def lose(self, topic: str, violation: Violation | None = None) -> None:
+        """Process that messages of a doubted topic are lost before the next one.
+
+        Args:
+            topic: its name.
+            violation: is reported by all streams but rates, which find their own.
+        """
+        rates = self._rates(topic)
+        for each in rates:
             each.lose()
+        informed = {observer for each in rates for observer in each.observers}
+        if violation is None:
+            return
+        for source in self._graph.sources.get(topic, ()):
+            for observer in source.observers:
+                if observer not in informed:
+                    observer.report(violation)
 
     def trust(self, topic: str) -> None:
         """End the doubt about a topic with its next message: all lost ones were told by `lose`."""

@@ -69,6 +69,8 @@ class MessageDoubt(Enum):
     """Any that was sent before the pause settled."""
     NEXT = 'next'
     """Some before the next message are lost."""
+    PERHAPS = 'perhaps'
+    """Some before the next message may be lost, which may be of another publisher."""
     OVER = 'over'
     """None before the next message, but those that were told of."""
 
@@ -344,7 +346,7 @@ class TopicFeed:
 
     def _on_gap(self, count: int) -> None:
         if self.pause is not None:
-            self._doubt(MessageDoubt.NEXT, self.pause)
+            self._doubt(MessageDoubt.NEXT if count else MessageDoubt.PERHAPS, self.pause)
         if count:
             self._drop(ViolationKind.LOST, count)
         else:

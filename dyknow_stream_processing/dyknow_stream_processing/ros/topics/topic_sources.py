@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from dyknow_common import SECOND_NS, Value, round_duration
+from dyknow_common import SECOND_NS, Value, round_duration, round_time
 from dyknow_common.ros import Throttle, time_to_nanoseconds
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.dataflow.operators import SourceType
@@ -39,6 +39,9 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 WARNING_PERIOD_S: Final = 60.0
 """Minimum time between two warnings of one kind about a topic."""
+
+RECENT_NS: Final = 10 * SECOND_NS
+"""The time after a pause in which each loss of messages is taken for one of the pause."""
 
 MAX_HELD: Final = 1000
 """The number of samples that may wait for the next step of simulated time."""
@@ -286,6 +289,7 @@ class _Source:
     period: tuple[int, int] = (0, 0)
     """Its beginning, and the number of messages received before it."""
     latest: int | None = None
+    latest_valid_time: int = 0
     promised: int = 0
     delay: int = 0
     is_sample: bool = False
@@ -371,6 +375,7 @@ class _Source:
     def push(self, arrival: _Arrival, now: int) -> None:
         """Push a sample into the dataflow, with the fields that it needs now."""
         message, valid_time = arrival.message, arrival.valid_time
+        self.latest_valid_time = valid_time
         if self.extract is None or type(message) is not self.class_:
             self._reject(valid_time, now, 'the type of the topic has changed')
             return
@@ -424,9 +429,24 @@ class _Source:
             self.dataflow.doubt(self.topic, pause)
             self.schedule()
         elif doubt is MessageDoubt.NEXT:
+            self.dataflow.lose(self.topic, self._loss(pause))
+        elif doubt is MessageDoubt.PERHAPS:
             self.dataflow.lose(self.topic)
         else:
             self.dataflow.trust(self.topic)
+
+    def _loss(self, pause: Pause) -> Violation | None:
+        """Return the violation of all streams whose messages were lost in a recent pause."""
+        now = self.node.get_clock().now().nanoseconds
+        since = self.latest_valid_time
+        if min(since, now - RECENT_NS) > pause.settled:
+            return None
+        text = (
+            f"stream '{self.topic}': messages after the one valid at {round_time(since)} were "
+            f'lost, as the node that reads them did not run for '
+            f'{round_duration(pause.ended - pause.began)} until {round_time(pause.ended)}'
+        )
+        return Violation(self.topic, ViolationKind.LOST, since + 1, now, 0, 0, text)
 
     def on_violation(self, violation: Violation) -> None:
         self.dataflow.report(self.topic, violation)
