@@ -172,8 +172,12 @@ class AttachedMonitor(MonitorNode):
         """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
+        # When the evaluation of each formula began, and its states, by the latest report.
+        self._progressed: dict[str, tuple[int, int]] = {}
+        # The same when the coordinator was lost last.
+        self._lost_at: dict[str, tuple[int, int]] = {}
         coordinator = RemoteNode(self, self.coordinator)
-        coordinator.on_lost.append(lambda: self._disconnect(self.formulas, NOT_RUNNING))
+        coordinator.on_lost.append(self._on_lost)
         self.create_report_subscription(
             EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations
         )
@@ -197,6 +201,20 @@ class AttachedMonitor(MonitorNode):
         """Leave the evaluations to the other monitor."""
         self._decided.update(each.name for each in self.formulas)
 
+    def _on_lost(self) -> None:
+        self._lost_at = dict(self._progressed)
+        self._disconnect(self.formulas, NOT_RUNNING)
+
+    def _is_outdated(self, name: str, status: EvaluationStatus) -> bool:
+        """Return True if a coordinator that was stopped reports no more than it did before.
+
+        An alarm stays until a state shows that the formula holds again.
+        """
+        is_violated = status.episodes is not None and status.episodes.is_violated
+        if status.phase is not EvaluationPhase.RUNNING or is_violated:
+            return False
+        return self._lost_at.get(name) == (status.started, status.states_progressed)
+
     def _on_evaluations(self, report: Any) -> None:
         self._has_report = True
         statuses = map(status_from_message, report.evaluations)
@@ -216,6 +234,10 @@ class AttachedMonitor(MonitorNode):
                 self.explain(each, reason)
 
     def _follow_evaluation(self, monitored: MonitoredFormula, status: EvaluationStatus) -> None:
+        if self._is_outdated(monitored.name, status):
+            return
+        self._lost_at.pop(monitored.name, None)
+        self._progressed[monitored.name] = status.started, status.states_progressed
         if self.started.get(monitored.name) != status.started:
             self.started[monitored.name] = status.started
             self._decided.discard(monitored.name)

@@ -8,9 +8,16 @@ from dataclasses import fields, replace
 import pytest
 import rclpy
 
-from dyknow_bringup.monitored_formula import HOLDS, UNDECIDED, VIOLATED, WAITING, MonitoredFormula
+from dyknow_bringup.monitored_formula import (
+    HOLDS,
+    NOT_CONNECTED,
+    UNDECIDED,
+    VIOLATED,
+    WAITING,
+    MonitoredFormula,
+)
 from dyknow_bringup.ros.formula_monitor import MonitorNode
-from dyknow_bringup.ros.monitor import _progress
+from dyknow_bringup.ros.monitor import AttachedMonitor, _progress
 from dyknow_common import SECOND_NS, Margin, ProbabilityInterval, Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import (
@@ -69,6 +76,45 @@ def test_what_held_at_the_last_state_is_not_said_of_a_silence(
         node.note_progress(calm, Progress(3, 5, 'p', waits_for=waits_for, episodes=verdicts))
         outcomes.append((calm.outcome, calm.waits_for))
     assert outcomes == [(outcome, ''), (silent, reason), (outcome, '')]
+
+
+@pytest.mark.parametrize(
+    ('verdicts', 'phase', 'states', 'expected'),
+    [
+        (StandingVerdicts(holds=3), EvaluationPhase.RUNNING, 3, NOT_CONNECTED),
+        (StandingVerdicts(holds=4), EvaluationPhase.RUNNING, 4, HOLDS),
+        (StandingVerdicts(holds=3), EvaluationPhase.WAITING, 3, WAITING),
+        (StandingVerdicts(2, 1, is_violated=True), EvaluationPhase.RUNNING, 3, VIOLATED),
+        (None, EvaluationPhase.RUNNING, 3, NOT_CONNECTED),
+        (None, EvaluationPhase.RUNNING, 4, UNDECIDED),
+    ],
+)
+def test_a_stopped_system_that_continues_has_no_verdict_before_its_next_state(
+    verdicts: StandingVerdicts | None, phase: EvaluationPhase, states: int, expected: str
+) -> None:
+    rclpy.init()
+    requested = RequestedFormula('p', every_state=verdicts is not None)
+    node = AttachedMonitor([requested], lambda _: None, name='dyknow_monitor')
+    (formula,) = node.formulas
+    before = None if verdicts is None else StandingVerdicts(holds=3)
+    status = EvaluationStatus(
+        'p', 'p', EvaluationPhase.RUNNING, started=1, states_progressed=3, episodes=before
+    )
+    later = replace(
+        status,
+        phase=phase,
+        states_progressed=states,
+        episodes=verdicts,
+        waits_for='/a' if phase is EvaluationPhase.WAITING else '',
+    )
+    node._follow_evaluation(formula, status)
+    node._on_lost()
+    assert formula.outcome == NOT_CONNECTED
+    for _ in range(2):
+        node._follow_evaluation(formula, later)
+    node.destroy_node()
+    rclpy.shutdown()
+    assert formula.outcome == expected
 
 
 S = SECOND_NS
