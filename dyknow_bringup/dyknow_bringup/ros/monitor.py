@@ -172,10 +172,8 @@ class AttachedMonitor(MonitorNode):
         """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
-        # When the evaluation of each formula began, and its states, by the latest report.
-        self._progressed: dict[str, tuple[int, int]] = {}
-        # The same when the coordinator was lost last.
-        self._lost_at: dict[str, tuple[int, int]] = {}
+        # After a loss of the coordinator, the states in the first report on each formula.
+        self._states_before: dict[str, int | None] = {}
         coordinator = RemoteNode(self, self.coordinator)
         coordinator.on_lost.append(self._on_lost)
         self.create_report_subscription(
@@ -202,18 +200,23 @@ class AttachedMonitor(MonitorNode):
         self._decided.update(each.name for each in self.formulas)
 
     def _on_lost(self) -> None:
-        self._lost_at = dict(self._progressed)
+        self._states_before = {each.name: None for each in self.formulas}
         self._disconnect(self.formulas, NOT_RUNNING)
 
     def _is_outdated(self, name: str, status: EvaluationStatus) -> bool:
-        """Return True if a coordinator that was stopped reports no more than it did before.
+        """Return True if a coordinator that was stopped reports what it knew before.
 
         An alarm stays until a state shows that the formula holds again.
         """
+        is_running = status.phase is EvaluationPhase.RUNNING
         is_violated = status.episodes is not None and status.episodes.is_violated
-        if status.phase is not EvaluationPhase.RUNNING or is_violated:
+        if name not in self._states_before or not is_running or is_violated:
             return False
-        return self._lost_at.get(name) == (status.started, status.states_progressed)
+        before = self._states_before[name]
+        if self.started.get(name) != status.started:
+            return False
+        self._states_before[name] = status.states_progressed
+        return before in {None, status.states_progressed}
 
     def _on_evaluations(self, report: Any) -> None:
         self._has_report = True
@@ -236,8 +239,7 @@ class AttachedMonitor(MonitorNode):
     def _follow_evaluation(self, monitored: MonitoredFormula, status: EvaluationStatus) -> None:
         if self._is_outdated(monitored.name, status):
             return
-        self._lost_at.pop(monitored.name, None)
-        self._progressed[monitored.name] = status.started, status.states_progressed
+        self._states_before.pop(monitored.name, None)
         if self.started.get(monitored.name) != status.started:
             self.started[monitored.name] = status.started
             self._decided.discard(monitored.name)
