@@ -141,6 +141,21 @@ def test_late_messages_of_a_pause_are_lost_too(flow: Flow) -> None:
     assert [time for time in rates(flow) if time > 40] == [80, 82, 84]
 
 
+def test_two_pauses_in_one_window(flow: Flow) -> None:
+    """What was dropped in the first one is missing after the second one, too."""
+    flow.ordered_topics.add('a')
+    flow.create('rate("a", 20 ms) with max_delay = 3 ms')
+    flow.feed('a', range(0, 45, 5))
+    pause(flow, 55)
+    flow.receive('a', (45, 56), (50, 56))
+    pause(flow, 65)
+    flow.advance(67)
+    flow.dataflow.trust('a')
+    flow.feed('a', range(70, 91, 5))
+    assert flow.broken() == [('max_delay', 45), ('max_delay', 50), ('lost', 65)]
+    assert [time for time in rates(flow) if time > 40] == [86, 88, 90]
+
+
 def test_a_rate_that_is_made_during_the_doubt_waits_too(flow: Flow) -> None:
     flow.ordered_topics.add('a')
     pause(flow, 60)

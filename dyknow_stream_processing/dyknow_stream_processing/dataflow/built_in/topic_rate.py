@@ -64,8 +64,9 @@ class RateOperator(SynchronisedOperator):
 
     def doubt(self, until: int) -> None:
         """Note that messages that were sent before a time may be lost, as the process paused."""
+        if self._doubted_until is None:
+            self._drops = self._dropped()
         self._doubted_until, self._is_proven = until, False
-        self._drops = self._dropped()
         self._plan()
 
     def lose(self) -> None:
