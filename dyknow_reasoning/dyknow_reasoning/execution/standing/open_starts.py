@@ -105,10 +105,12 @@ class OpenStarts:
         self._known: dict[int, _Rest] = {}
         self._times = times
         self._initial = Group(template.automaton.initial, ())
-        # Where states go at which the atoms are as at the latest one, from number `_counted` on.
+        self.symbol = -1
+        """The truth of the atoms at the latest step, as bits; -1 if the next state needs one."""
+        self.counted = len(times)
+        """The number of states that have been progressed over."""
+        # Where states go at which the atoms are as at the latest one, from number `counted` on.
         self._fresh = self._initial
-        self._symbol = -1
-        self._counted = len(times)
 
     def reader(self) -> Reader:
         """Return a reader of the truth of the atoms at a state, for `step`."""
@@ -156,7 +158,7 @@ class OpenStarts:
         """
         groups = self.groups.items()
         firsts = (runs[0].first for group, runs in groups if not own or OWN in group.clocks)
-        return min(firsts, default=self._counted)
+        return min(firsts, default=self.counted)
 
     def has_open(self, number: int, *, pessimistic: bool) -> bool:
         """Return True if the formula is undecided from a state on.
@@ -165,7 +167,7 @@ class OpenStarts:
             number: the number of the state.
             pessimistic: True if the pessimistic halves after a gap count.
         """
-        if number >= self._counted:
+        if number >= self.counted:
             return self._fresh.location.verdict is None
         return any(
             number_in(runs, number)
@@ -191,7 +193,7 @@ class OpenStarts:
 
     def catch_up(self, end: int) -> None:
         """Progress over the states before a number that needed no `step`, as if over the last."""
-        first, self._counted = self._counted, end
+        first, self.counted = self.counted, end
         if end == first:
             return
         now = self._times[end - 1]
@@ -220,11 +222,11 @@ class OpenStarts:
         moment = DecidingMoment.of(before, decided.symbol, self._times[number], previous)
         return InstanceVerdict(before.instance, decided.holds, moment)
 
-    def resume(self, groups: dict[Group, list[Run]]) -> None:
-        """Set the starts that are undecided after the latest state; the next one needs a step."""
+    def resume(self, groups: dict[Group, list[Run]], states: int) -> None:
+        """Set the starts that are undecided after some states; the next one needs a step."""
         self.groups = groups
-        self._counted = len(self._times)
-        self._symbol = -1
+        self.counted = states
+        self.symbol = -1
         self.wakes_at = -inf
         self._fresh = self._initial
         self._begun, self._known = {}, {}
@@ -233,7 +235,7 @@ class OpenStarts:
         """Continue after a gap that follows the latest state; return the halves that it decides."""
         self.catch_up(len(self._times))
         before = self.groups
-        self.resume({})
+        self.resume({}, len(self._times))
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
             for part in self._alike(group, runs, gap):
@@ -266,20 +268,20 @@ class OpenStarts:
             found.append(part)
         return [part for part in (*found, rest) if part]
 
-    def step(self, symbol: int) -> list[DecidedStarts]:
-        """Progress over the latest state, which has been appended to the times.
+    def step(self, symbol: int, number: int) -> list[DecidedStarts]:
+        """Progress over a state.
 
         Args:
             symbol: the truth of the atoms of the formula at this state, as bits.
+            number: the number of the state.
 
         Returns:
             The starts from which the state decides that the formula is false. If no start may fade,
             all starts that it decides, except the state itself if the formula is true from it on.
         """
-        number = len(self._times) - 1
         self.catch_up(number)
         now = self._times[number]
-        self._symbol = symbol
+        self.symbol = symbol
         before, self.groups = self.groups, {}
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
@@ -303,7 +305,7 @@ class OpenStarts:
             if verdict is None:
                 self._add(group if move.is_idle else group.moved(move, now), part)
             elif not (verdict and self.can_fade):
-                decided.append(DecidedStarts(group, verdict, part, self._symbol))
+                decided.append(DecidedStarts(group, verdict, part, self.symbol))
 
     def _add(self, group: Group, runs: list[Run]) -> None:
         others = self.groups.get(group)
@@ -311,7 +313,7 @@ class OpenStarts:
 
     def _answers(self, group: Group, begin: int, now: int) -> tuple[Move, Answers]:
         """Return the move of a start of a group, and the answers that lead to it."""
-        location, symbol = group.location, self._symbol
+        location, symbol = group.location, self.symbol
         while True:
             found = answers(location.moves.get(symbol), group.clocks, begin, now)
             if type(found[0]) is Move:
@@ -320,14 +322,14 @@ class OpenStarts:
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out which of the following ones need a step."""
-        begun = self._begun.get(self._symbol)
+        begun = self._begun.get(self.symbol)
         if begun is None:
             if len(self._begun) > _MAX_KNOWN:
                 self._begun, self._known = {}, {}
-            move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
-            begun = self._begun[self._symbol] = self._initial.moved(move, OWN)
+            move = self.template.automaton.move(self._initial.location, self.symbol, (now,))
+            begun = self._begun[self.symbol] = self._initial.moved(move, OWN)
         self._fresh = fresh = begun
-        self._counted = number + 1
+        self.counted = number + 1
         if fresh.location.verdict is None:
             add_latest(self.groups.setdefault(fresh, []), Run(number, number, now, now))
         self.wakes_at = self.fades_at = inf
@@ -357,11 +359,11 @@ class OpenStarts:
             now: the earliest time of the next state, in nanoseconds.
         """
         begin = runs[0].begin
-        if group == self._fresh and (known := self._known.get(self._symbol)):
+        if group == self._fresh and (known := self._known.get(self.symbol)):
             lasts, fading = known
             if now - begin < (fading[0] if fading else lasts):
                 return begin + lasts, fading
-        until, decision, rest = inf, group.location.moves.get(self._symbol), runs
+        until, decision, rest = inf, group.location.moves.get(self.symbol), runs
         while True:
             first = rest[0].begin
             move, end, age, younger = answers(decision, group.clocks, first, now)
@@ -376,7 +378,7 @@ class OpenStarts:
         if self.can_fade and rest is runs and begin + age < until:
             found = self._fades(group, begin, age, until)
         if group == self._fresh:
-            self._known[self._symbol] = found[0] - begin, found[1]
+            self._known[self.symbol] = found[0] - begin, found[1]
         return found
 
     def _fades(self, group: Group, begin: int, age: float, until: float) -> _Rest:
@@ -453,11 +455,11 @@ class RememberingStarts(OpenStarts):
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state; the memory of the next state includes it."""
         automaton, before = self.template.automaton, self._memory
-        step = before.location, self._symbol, (*before.times_of(now), now)
+        step = before.location, self.symbol, (*before.times_of(now), now)
         self._initial = before
         self._fresh = before.moved(automaton.move(*step), OWN)
         self._memory = before.moved(automaton.remember(*step), now)
-        self._counted = number + 1
+        self.counted = number + 1
         self.wakes_at = -inf
         if self._fresh.location.verdict is None:
             add_latest(self.groups.setdefault(self._fresh, []), Run(number, number, now, now))

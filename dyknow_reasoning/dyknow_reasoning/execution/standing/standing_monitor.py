@@ -22,6 +22,7 @@ from dyknow_reasoning.execution.past.registers import PastRegister
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
 from dyknow_reasoning.execution.standing.possible_starts import PossibleDecision, PossibleStarts
+from dyknow_reasoning.execution.standing.quiet_starts import QuietStarts, quiet_starts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -41,6 +42,7 @@ from dyknow_reasoning.execution.unknown.possible_formulas import (
     PossibleVerdict,
     possible_formula,
 )
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -88,6 +90,7 @@ class StandingMonitor:
         templates = {node: Template(node) for node in {each.node for each in found}}
         self._templates = list(templates.values())
         self._starts = [open_starts(each, templates[each.node], self._times) for each in found]
+        self._quiet = quiet_starts(self._starts, self._times, limits.node_limit)
         # Replaces `_starts` once the formula has met unknown values.
         self._possible: PossibleStarts | None = None
         self._keeps_times = False
@@ -115,7 +118,7 @@ class StandingMonitor:
 
     def keep_all(self) -> VerdictLog:
         """Keep all failures, and return a log of all verdicts; call it before the first state."""
-        self._keeps_failures = True
+        self._keeps_failures, self._quiet = True, None
         self._log = VerdictLog()
         for each in self._starts:
             each.can_fade = False
@@ -138,6 +141,7 @@ class StandingMonitor:
         Raises:
             ReasoningError: if the formula is undecided from a state that is too long ago.
         """
+        self._end_quiet()
         begun = [each.beginning for each in self._starts]
         of = Instances(begun, registers, unknown, self._limits)
         if not of.is_plain:
@@ -149,7 +153,7 @@ class StandingMonitor:
         self._possible = possible
         self._starts, self._symbols, self._ends = [], [], []
         self._read = in_turn(())
-        self._templates, self._wakes_at = [], -inf
+        self._templates, self._wakes_at, self._quiet = [], -inf, None
         return True
 
     def _move_starts(self, possible: PossibleStarts, of: Instances) -> None:
@@ -203,7 +207,6 @@ class StandingMonitor:
 
     def undecided(self) -> list[Run]:
         """Return the states from which the formula is undecided."""
-        self._settle()
         return difference(self._undecided(), self._failures.runs)
 
     @property
@@ -249,7 +252,6 @@ class StandingMonitor:
 
     def counts(self) -> StandingVerdicts:
         """Return the numbers of starts by their verdicts, without the episodes."""
-        self._settle()
         states = len(self._times)
         false = self._failures.runs
         undecided = self._undecided()
@@ -266,8 +268,13 @@ class StandingMonitor:
     def _undecided(self) -> list[Run]:
         """Return the starts from which an undecided instance still matters."""
         found: list[Run] = []
+        if quiet := self._resting:
+            starts: Sequence[OpenStarts | PossibleStarts] = quiet.representatives()
+        else:
+            self._settle()
+            starts = self._all
         for half in Half:
-            runs = chain.from_iterable(each.runs(half) for each in self._all)
+            runs = chain.from_iterable(each.runs(half) for each in starts)
             joined = union_of(runs)
             if half is Half.PESSIMISTIC:
                 joined = difference(joined, self._unprovable)
@@ -279,32 +286,62 @@ class StandingMonitor:
         changed = False
         if self._gap_follows:
             changed = self._cross_gap(Gap(self._times[number - 1], now), values)
+        if abs(now) > MAX_VECTOR_TIME:
+            self._end_quiet()
         self._times.append(now)
         decided: list[tuple[_VerdictOf, _Decision]] = []
         if self._possible:
             possible = self._possible
             decided += [(possible.verdict, found) for found in possible.step(values)]
-        has_changed = map(ne, symbols, self._symbols)
-        if now >= self._wakes_at:
-            has_changed = map(or_, has_changed, [now >= end for end in self._ends])
-        for index in compress(range(len(symbols)), has_changed):
+        quiet = self._resting
+        stepped = quiet.progress(symbols) if quiet else self._changed(symbols, now)
+        for index in stepped:
             starts = self._starts[index]
-            decided += [(starts.verdict, found) for found in starts.step(symbols[index])]
+            decided += [(starts.verdict, found) for found in starts.step(symbols[index], number)]
             self._ends[index] = starts.wakes_at
         self._symbols = symbols
         changed |= self._apply(decided, now, values)
         self._limit_memory()
         changed |= self._end_failures()
+        if self._quiet:
+            self._quiet.count(len(stepped))
+        if self._resting:
+            self._wakes_at = -inf
+            return changed
+        if quiet:
+            self._forget_symbols()
         self._wakes_at = -inf if self._possible else min(self._ends, default=inf)
         if self._failures.waiting:
             fading = (each.fades_at for each in self._starts)
             self._wakes_at = min([self._wakes_at, *fading])
         return changed
 
+    def _changed(self, symbols: Sequence[int], now: int) -> list[int]:
+        """Return the instances whose starts need a step."""
+        has_changed = map(ne, symbols, self._symbols)
+        if now >= self._wakes_at:
+            has_changed = map(or_, has_changed, [now >= end for end in self._ends])
+        return list(compress(range(len(symbols)), has_changed))
+
+    @property
+    def _resting(self) -> QuietStarts | None:
+        """The open starts that may rest, if they do so now."""
+        return self._quiet if self._quiet and self._quiet.is_active else None
+
+    def _end_quiet(self) -> None:
+        """Progress all starts up to the latest state; each of them needs a step at the next."""
+        if self._resting:
+            self._resting.end()
+            self._forget_symbols()
+
+    def _forget_symbols(self) -> None:
+        self._symbols = [-1] * len(self._starts)
+
     def _cross_gap(self, gap: Gap, values: Values) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
-        self._symbols = [-1] * len(self._starts)
+        self._end_quiet()
+        self._forget_symbols()
         decided: list[tuple[_VerdictOf, _Decision]] = []
         for each in self._all:
             decided += [(each.verdict, found) for found in each.cross_gap(gap)]
@@ -331,7 +368,8 @@ class StandingMonitor:
         """End failures after which the formula holds; return True if one has ended."""
         if not self._failures.waiting:
             return False
-        self._settle()
+        if not self._resting:
+            self._settle()
         ended = [each for each in self._failures.waiting if self._holds_after(each.run.last)]
         for failure in ended:
             self._failures.end(failure)
@@ -345,14 +383,22 @@ class StandingMonitor:
                 number = end + 1
                 continue
             is_unprovable = number_in(self._unprovable, number)
-            if any(each.has_open(number, pessimistic=not is_unprovable) for each in self._all):
+            if self._has_open(number, pessimistic=not is_unprovable):
                 return False
             if not is_unprovable:
                 return True
             number += 1
         return False
 
+    def _has_open(self, number: int, *, pessimistic: bool) -> bool:
+        if quiet := self._resting:
+            return quiet.has_open(number, pessimistic=pessimistic)
+        return any(each.has_open(number, pessimistic=pessimistic) for each in self._all)
+
     def _settle(self) -> None:
+        if quiet := self._resting:
+            quiet.settle()
+            return
         states = len(self._times)
         for each in self._starts:
             each.catch_up(states)
@@ -373,11 +419,14 @@ class StandingMonitor:
                 for each in used:
                     each.check_size(self._limits.node_limit)
             if automaton.is_full:
+                self._end_quiet()
                 self._settle()
                 automaton.forget({location for each in used for location in each.locations})
                 for each in used:
-                    each.resume(each.groups)
-                self._symbols = [-1] * len(self._starts)
+                    each.resume(each.groups, len(self._times))
+                self._forget_symbols()
+        if self._resting:
+            self._resting.limit_memory()
         if len(self._times.kept) > self._most_kept:
             self._clean_up()
 
@@ -393,6 +442,8 @@ class StandingMonitor:
             )
         is_own = not self._keeps_times
         oldest = min((each.oldest(own=is_own) for each in self._starts), default=states)
+        if quiet := self._resting:
+            oldest = min(oldest, quiet.first)
         self._times.forget(min(max(oldest, states - MAX_RUNS), states - 2))
         self._most_kept = len(self._times.kept) + _CLEANUP_STATES
         oldest = min((each.oldest(own=False) for each in self._all), default=states)

@@ -95,6 +95,11 @@ class TabulatedVectors:
         """Keep the selected instances only."""
         self.rows = self.rows[kept]
 
+    def restart(self, indices: Sequence[int]) -> None:
+        """Let some instances begin with the next state."""
+        initial = self._template.at(self._template.automaton.initial, ())
+        self.rows[indices] = initial.number * self._width
+
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
         """Progress all instances over a state; return the decided ones."""
         before = self.rows
@@ -185,6 +190,10 @@ class ClockedVectors:
         """Keep the selected instances only."""
         self.numbers = self.numbers[kept]
         self._clocks = self._clocks[:, kept]
+
+    def restart(self, indices: Sequence[int]) -> None:
+        """Let some instances begin with the next state."""
+        self.numbers[indices] = self._number(self._template.automaton.initial)
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:  # noqa: ARG002
         """Progress all instances over a state; return the decided ones."""
