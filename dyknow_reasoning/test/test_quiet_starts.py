@@ -237,3 +237,19 @@ def test_a_window_that_ends_between_two_states() -> None:
     [episode] = group.standing.summary(number).latest_episodes
     assert (episode.states, episode.objects) == (1, 'u = u7')
     assert (episode.begin, episode.decided_at) == (101 * SECOND * 7 // 10, 103 * SECOND * 7 // 10)
+
+
+def test_a_gap_ends_the_rest() -> None:
+    found = []
+    for objects in (1, 1000):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(quiet_starts, '_MIN_OBJECTS', objects)
+            group, number = begun(NESTED, {'UAV': UAVS}, every_state=True)
+        for state, values in enumerate(pulses(120, late=[(98, 0), (101, 3)])):
+            if state == 100:
+                group.gap()
+            missing = 20 if state >= 100 else 0
+            assert not group.progress((state + missing) * SECOND // 2, values)
+        found.append(group.standing.summary(number))
+    assert found[0] == found[1]
+    assert found[0].unknown
