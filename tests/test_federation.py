@@ -187,6 +187,32 @@ def test_bridges_lead_from_the_words_of_a_peer_to_own_ones(fleet: Fleet) -> None
     assert "'Level[carrier1] > 0.5' held" in answer.explanation, answer
 
 
+def test_a_peer_makes_its_streams_anew_that_are_gone(fleet: Fleet) -> None:
+    """Its nodes die, but not its federation: nobody else knows what peers read."""
+    wait_for_streams(2, fleet.base, fleet.carrier)
+    fleet.wait(lambda: not fleet.base.reports[-1].peers[0].asked, 'the release')
+    evaluations = '/stream_reasoning_coordinator/evaluations'
+    heard = fleet.base.client.collect(EvaluationStatusArray, evaluations, LATCHED)
+    values: list[Value] = []
+    with listening(fleet.base, '/dyknow/federation/carrier1/Charge_carrier1', values):
+        asked = fleet.base.ask('always Charge[carrier1] > 0.5', here=True)
+        fleet.wait(lambda: asked.done() or running(heard).states_progressed, 'a state')
+        assert not asked.done(), asked.result()
+        fleet.carrier.launcher.kill(NODES)
+        fleet.carrier.start(NODES)
+        reason = 'its host makes it anew, as it was gone there'
+        fleet.wait(lambda: reason in ' '.join(running(heard).events), 'the gap')
+        values.clear()
+        fleet.wait(lambda: len(values) > 1, 'samples again')
+        again = fleet.base.ask('always[0 s, 1 s] Charge[carrier1] > 0.5')
+        fleet.wait(again.done, 'the answer')
+        assert again.result().verdict == FormulaResult.TRUE, again.result()
+        fleet.carrier.percentage = 0.25
+        fleet.wait(asked.done, 'the other answer')
+        fleet.carrier.percentage = 0.9
+    assert asked.result().verdict != FormulaResult.TRUE, asked.result()
+
+
 def test_a_host_of_another_version_is_reported(fleet: Fleet, tmp_path: Path) -> None:
     file = tmp_path / 'zenoh.json5'
     file.write_text(ZENOH)
@@ -214,30 +240,6 @@ def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet, *, here: bool)
     assert status.code == ExitStatus.CONSTRAINT_VIOLATION, status
     assert "peer 'carrier1' reports" in status.message, status
     assert 'max_delay' in status.message, status
-
-
-def test_a_peer_makes_its_streams_anew_that_are_gone(fleet: Fleet) -> None:
-    """Its nodes die, but not its federation: nobody else knows what peers read."""
-    wait_for_streams(2, fleet.base, fleet.carrier)
-    evaluations = '/stream_reasoning_coordinator/evaluations'
-    heard = fleet.base.client.collect(EvaluationStatusArray, evaluations, LATCHED)
-    values: list[Value] = []
-    with listening(fleet.base, '/dyknow/federation/carrier1/Charge_carrier1', values):
-        asked = fleet.base.ask('always Charge[carrier1] > 0.5', here=True)
-        fleet.wait(lambda: running(heard).states_progressed, 'a state')
-        fleet.carrier.launcher.kill(NODES)
-        fleet.carrier.start(NODES)
-        reason = 'its host makes it anew, as it was gone there'
-        fleet.wait(lambda: reason in ' '.join(running(heard).events), 'the gap')
-        values.clear()
-        fleet.wait(lambda: len(values) > 1, 'samples again')
-        again = fleet.base.ask('always[0 s, 1 s] Charge[carrier1] > 0.5')
-        fleet.wait(again.done, 'the answer')
-        assert again.result().verdict == FormulaResult.TRUE, again.result()
-        fleet.carrier.percentage = 0.25
-        fleet.wait(asked.done, 'the other answer')
-        fleet.carrier.percentage = 0.9
-    assert asked.result().verdict != FormulaResult.TRUE, asked.result()
 
 
 def test_a_guard_closes_when_the_link_is_older_than_its_timeout(
