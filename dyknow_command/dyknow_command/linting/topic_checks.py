@@ -47,6 +47,9 @@ from dyknow_stream_processing import (
 _PLAIN: Final = re.compile(r'[\w.]+(?:\[-?\d+\][\w.]*)*')
 """A path without conditions and functions, for which later messages may have elements."""
 
+_STAMP: Final = re.compile(r'\bstamp\.(?:nano)?sec$')
+"""The end of the path of a stamp."""
+
 _QUOTED_STREAM: Final = re.compile(r'"([A-Za-z_]\w*)"(?=\.)')
 _OF_ROS: Final = re.compile(r'(/~)?(/[A-Za-z_{][A-Za-z0-9_{}]*)+')
 """The absolute names that topics of ROS may have; nodes know what ~ and {node} stand for."""
@@ -263,11 +266,16 @@ def _has_key(field: str) -> bool:
     )
 
 
+def _may_be_outdated(field: str) -> bool:
+    """Return True for the path of an element by its key; formulas over its stamp tell its age."""
+    return _has_key(field) and not _STAMP.search(field)
+
+
 def element_findings(inputs: LintInputs) -> Iterator[Finding]:
     """Yield what reads elements by a key, and does not notice that messages lack them."""
     regular = {each.stream for _, each in annotations_of(inputs) if _is_regular(each.constraints)}
     for source, each in annotations_of(inputs):
-        is_element = each.keys or any(_has_key(content.field) for content in each.contents)
+        is_element = any(_may_be_outdated(content.field) for content in each.contents)
         if each.is_topic and is_element and not _is_regular(each.constraints):
             yield _unnoticed(inputs.place_of(source), absolute_topic(each.stream))
     for place, declaration in streams_of(inputs):
@@ -278,7 +286,7 @@ def element_findings(inputs: LintInputs) -> Iterator[Finding]:
                 yield _unnoticed(place, absolute_topic(topic))
     for formula in inputs.formulas:
         for topic, field in references_of(formula):
-            if _has_key(field):
+            if _may_be_outdated(field):
                 yield _unnoticed(formula.place_of(field), topic)
 
 
@@ -290,6 +298,6 @@ def _is_regular(constraints: StreamConstraints) -> bool:
 def _unnoticed(place: FilePlace, topic: str) -> Finding:
     text = (
         f'{topic} is read by a key: if messages come without it, the last value stays in force; '
-        'state a max_gap or sample_period to notice that'
+        'state a max_gap or sample_period in a feature or stream to notice that'
     )
     return warning_at(place, text)
