@@ -232,7 +232,7 @@ def test_a_history_is_known_again_after_its_window(is_gap: bool) -> None:  # noq
     group.progress(1, {'q': True})
     if is_gap:
         group.gap()
-        error = 'the verdict depends on states that are missing between 0.000 s and 0.000 s'
+        error = 'states that are missing between 0.000000001 s and 0.000000005 s'
     else:
         group.progress(4, {'q': 2.5})
         error = "the field 'q' holds the number 2.5, not a boolean"

@@ -167,9 +167,11 @@ def test_all_episodes_have_the_same_past(drawn: Drawn, shortest: int, every: Eve
     report = evaluate_recording(recording(recorded), [RequestedFormula(formula)], start=start)
     trace = states({'/a': recorded}, recorded[-1].stamp or 0)
     triggered = [within(trace, i, 0, 1, 2) for i in range(len(trace))]
+    complete_from = trace[0].valid_time + 2000 * MS
     begins = {
         Every.STATE: range(len(trace)),
         Every.FIRST: range(1),
+        Every.COMPLETE: [i for i in range(len(trace)) if trace[i].valid_time >= complete_from][:1],
         Every.TRIGGER: [
             i for i, now in enumerate(triggered) if now and not any(triggered[i - 1 : i])
         ],
