@@ -58,7 +58,6 @@ class ProcessPauses:
         self._began: int | None = None
         self.length = 0
         """The length of the last pause, nanoseconds."""
-        self._last_began = now
         self._settled_at = now
         self.count = 0
         """The number of pauses."""
@@ -89,7 +88,7 @@ class ProcessPauses:
     def since_begin(self, now: int) -> int:
         """Return the nanoseconds since the begin of the last pause; `now` is of the same clock."""
         with self._lock:
-            return now - self._last_began
+            return now - self._last_began()
 
     def delay_of(self, sent_at: int | None) -> int:
         """Return for how long a message has waited because of a pause, nanoseconds.
@@ -116,7 +115,7 @@ class ProcessPauses:
         """
         with self._lock:
             self._note(now)
-            began = self._settled_at - SETTLING_NS - self.length
+            began = self._last_began()
             is_delayed = self.length and began <= now - age < self._settled_at
             return now - began if is_delayed else None
 
@@ -126,12 +125,14 @@ class ProcessPauses:
             self._note(now)
             self._last = now
 
+    def _last_began(self) -> int:
+        return self._settled_at - SETTLING_NS - self.length
+
     def _note(self, now: int) -> None:
         if now - self._last > PAUSE_NS:
             # The first of several pauses began before all messages that still wait.
             self.count += 1
             self._began = self._last if self._began is None else self._began
-            self._last_began = self._began
             self.length = now - self._began
             self._settled_at = now + SETTLING_NS
             self._last = now
