@@ -431,18 +431,20 @@ class _IncompleteFormulas:
     """The formulas that wait for a state from which they look back to none before all."""
 
     def __init__(self, formulas: Iterable[FormulaEpisodes]) -> None:
-        self.formulas = [each for each in formulas if each.every is Every.COMPLETE]
+        waiting = [each for each in formulas if each.every is Every.COMPLETE]
+        self.formulas = {each: parse_formula(each.grounded.formula) for each in waiting}
         self._valid_times: list[int] = []
 
     def completed(self, valid_time: int) -> Sequence[FormulaEpisodes]:
         """Return the formulas that wait no longer, as there is another state."""
+        if not self.formulas:
+            return ()
         times = self._valid_times
         times.append(valid_time)
-        waiting, found = self.formulas, []
-        for each in list(waiting):
-            if first_complete(parse_formula(each.grounded.formula), times) < len(times):
-                waiting.remove(each)
-                found.append(each)
+        parsed = self.formulas.items()
+        found = [each for each, formula in parsed if first_complete(formula, times) < len(times)]
+        for each in found:
+            del self.formulas[each]
         return found
 
 
